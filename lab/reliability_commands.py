@@ -69,7 +69,7 @@ VALUES = {
     "env-rotate": [-30, 90.5, 200], "env-strength": [0, 0.1, 3], "sky": [True], "no-env": [True], "light-unit": LISTED,
     "energy-compensation": LISTED, "integrator": LISTED, "max-depth": [1, 2, 3, 5, 20], "noise": [0.02, 0.1, 0.3],
     "min-spp": [2, 8, 50], "adaptive": LISTED, "balance": LISTED, "pilot": [0.1, 0.4], "guiding": LISTED,
-    "guiding-memory": ["1M", "16M"], "learned-lights": LISTED, "learned-environment": LISTED, "compensation": LISTED,
+    "guiding-memory": ["1M", "16M"], "learned-lights": LISTED, "compensation": LISTED,
     "clamp-direct": [0.5, 10], "clamp-indirect": [0.5, 10], "filter": LISTED, "seed-per-frame": LISTED, "rays": LISTED,
     "half": [True], "transparent": [True],
     "aov": lambda chance, _: chance.choice(["all", "none", ",".join(chance.sample(AOVS, chance.randrange(1, 6)))]),

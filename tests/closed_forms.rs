@@ -120,7 +120,7 @@ fn uneven_sky_over_a_diffuse_plane_gives_what_its_quadrature_says() {
         let [u, phi] = [i / n, i % n].map(|i| (f64::from(i) + 0.5) / f64::from(n));
         let (r, phi) = (u.sqrt(), 2.0 * PI * phi);
         let d = Vec3::new((r * phi.cos()) as f32, (1.0 - u).sqrt() as f32, (r * phi.sin()) as f32);
-        let (radiance, _) = sampler.radiance_pdf(V3::splat(d), Density::Radiance, None);
+        let (radiance, _) = sampler.radiance_pdf(V3::splat(d), Density::Radiance);
         irradiance += PI * f64::from(radiance.lane(0).y) / f64::from(n * n);
     }
     let mut scene = Scene { environment: Some(environment), ..Default::default() };

@@ -5,17 +5,16 @@ use std::sync::atomic::AtomicBool;
 
 use bismar::film::PixelStats;
 use bismar::integrator::{PixelSums, PixelTask, Proposal, Transport, Wave};
-use bismar::light::{Density, LearnedEnvironment, LearnedLights, LightProposal, LightSampleRecord};
+use bismar::light::{LearnedLights, LightProposal, LightSampleRecord};
 use bismar::rays::Backend;
 use bismar::render::prepass::learned_lights::{LightsLearner, learned};
 use bismar::render::prepass::size;
-use bismar::render::techniques::LearnedLightsStats;
 use bismar::render::{Balance, Part, RenderSettings, RenderStats, Rendered, RunOptions, Saved, render, run, transport};
 use bismar::sampling::SplitMix64;
-use bismar::scene::{Environment, Scene};
+use bismar::scene::Scene;
 use glam::Vec3;
 
-use crate::helpers::stage::{Stage, add, area_light, closed_box, glass_hall, lambert, look, rectangle};
+use crate::helpers::stage::{Stage, area_light, closed_box, glass_hall, lambert, look, rectangle};
 use crate::helpers::statistics::{Mean, z_limit};
 
 /// A room with a dim area light, next to one with a bright one.
@@ -34,29 +33,20 @@ fn settings(balance: Balance) -> RenderSettings {
     RenderSettings { width: 36, height: 24, spp: Some(16), max_depth: 4, balance, ..Default::default() }
 }
 
-/// With a pre-pass that has enough pixels to learn about an environment.
-fn larger() -> RenderSettings {
-    RenderSettings { width: 144, height: 96, ..settings(Balance::Progressive) }
-}
-
 fn on_threads(stage: &Stage, settings: &RenderSettings, threads: usize) -> Rendered {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
     pool.install(|| render(&stage.scene, settings, &AtomicBool::new(false), &|_| ()).unwrap())
 }
 
-/// What is known of area lights and of the environment.
-type Known<'a> = (Option<&'a LearnedLights>, Option<&'a LearnedEnvironment>);
-
-/// Pixels' means and variances of the green of pictures that know of lights what is `known`.
-fn pictures(stage: &Stage, known: Known, first: u32, replicas: u32) -> [Mean; 2] {
+/// Pixels' means and variances of the green of pictures that know of lights what is `learned`.
+fn pictures(stage: &Stage, learned: Option<&LearnedLights>, first: u32, replicas: u32) -> [Mean; 2] {
     let settings = settings(Balance::Half);
     let mut means = vec![Mean::default(); (settings.width * settings.height) as usize];
     let mut whole = Mean::default();
     for seed in first..first + replicas {
         let settings = RenderSettings { seed, ..settings.clone() };
         let transport = transport(&stage.scene, &settings);
-        let (learned, learned_environment) = known;
-        let lights = LightProposal { learned, learned_environment, ..transport.proposal.lights };
+        let lights = LightProposal { learned, ..transport.proposal.lights };
         let transport = Transport { proposal: Proposal { lights, ..transport.proposal }, ..transport };
         let counts = bismar::balance::Counts::half(4);
         let task = |i: u32| PixelTask::first([i % settings.width, i / settings.width], counts, i);
@@ -80,15 +70,14 @@ fn z(a: &Mean, b: &Mean) -> f64 {
 fn what_a_pilot_learns_of_lamps_changes_no_mean_and_takes_noise_away() {
     let stage = Stage::new(house(), Backend::Embree);
     let settings = settings(Balance::Progressive);
-    let learner = LightsLearner::area(&stage.scene, &settings).unwrap();
+    let learner = LightsLearner::new(&stage.scene, &settings).unwrap();
     let transport = transport(&stage.scene, &settings);
     let found = learned(learner, &stage.scene, &settings, &transport, &AtomicBool::new(false)).unwrap();
     assert!(found.stats.remaining_variance < 0.7, "{:?}", found.stats);
     let lights = found.lights.as_ref().unwrap();
-    let bytes = size(&settings, 1 << 20, false).learning;
+    let bytes = size(&settings, 1 << 20).learning;
     assert!((lights.bytes() as u64) < bytes && bytes < 100 << 20);
-    let [without, with] =
-        [(None, 0), (Some(lights), 500)].map(|(lights, seed)| pictures(&stage, (lights, None), seed, 200));
+    let [without, with] = [(None, 0), (Some(lights), 500)].map(|(lights, seed)| pictures(&stage, lights, seed, 200));
     assert!(z(&without[0], &with[0]).abs() < z_limit(1), "{without:?} {with:?}");
     // The tree takes two light samples of three toward the area light next door, and what was learned but one. Variances of 864 pixels are
     // known to a few per cent.
@@ -101,46 +90,13 @@ fn what_a_pilot_learns_of_lamps_changes_no_mean_and_takes_noise_away() {
     );
 }
 
-/// A low hall that is open on one side, under a sky that is brightest above the roof.
-fn open_hall() -> Arc<Scene> {
-    let mut pixels = vec![[1.0; 3]; 32 * 16];
-    pixels[..32 * 6].fill([40.0; 3]);
-    let sky = Environment { width: 32, height: 16, pixels: pixels.into(), ..Environment::constant([0.0; 3]) };
-    let mut scene = Scene { environment: Some(sky), ..Default::default() };
-    rectangle(&mut scene, 0.0, [-4.0, 4.0], [-4.0, 4.0], true, lambert(0.6));
-    rectangle(&mut scene, 1.5, [-4.0, 4.0], [-4.0, 3.0], false, lambert(0.6));
-    let wall = vec![[-4.0, 0.0, -4.0], [4.0, 0.0, -4.0], [4.0, 1.5, -4.0], [-4.0, 1.5, -4.0]];
-    add(&mut scene, wall, vec![[0, 1, 2], [0, 2, 3]], lambert(0.6));
-    look(&mut scene, Vec3::new(0.0, 1.2, 2.9), Vec3::new(0.0, 0.2, -2.0), 0.9);
-    Arc::new(scene)
-}
-
-#[test]
-fn what_is_learned_of_the_environment_changes_no_mean_and_takes_noise_away() {
-    let stage = Stage::new(open_hall(), Backend::Embree);
-    let settings = larger();
-    let learner = LightsLearner::environment(&stage.scene, &settings, Density::Radiance).unwrap();
-    let transport = transport(&stage.scene, &settings);
-    let found = learned(learner, &stage.scene, &settings, &transport, &AtomicBool::new(false)).unwrap();
-    assert!(found.stats.remaining_variance < 0.8, "{:?}", found.stats);
-    let environment = found.lights.as_ref().unwrap();
-    assert!((environment.bytes() as u64) < size(&settings, 0, true).learning);
-    let [without, with] =
-        [(None, 0), (Some(environment), 500)].map(|(known, seed)| pictures(&stage, (None, known), seed, 200));
-    assert!(z(&without[0], &with[0]).abs() < z_limit(1), "{without:?} {with:?}");
-    // Variances of 864 pixels are known to a few per cent.
-    assert!(with[1].mean < 0.85 * without[1].mean, "{} {}", with[1].mean, without[1].mean);
-    let stats = on_threads(&stage, &settings, 2).stats;
-    assert!(stats.techniques.learned_environment.unwrap().on && stats.techniques.learned_lights.is_none(), "{stats:?}");
-}
-
 #[test]
 fn lies_about_lamps_change_no_mean() {
     for (scene, name) in [(house(), "house"), (glass_hall(), "glass hall")] {
         let stage = Stage::new(scene, Backend::Obvhs);
         let area = stage.scene.lights.area.as_ref().unwrap();
         let (tree, area_lights) = (area.tree(), area.levels().exp2().round() as u32);
-        let without = pictures(&stage, (None, None), 0, 60)[0];
+        let without = pictures(&stage, None, 0, 60)[0];
         // Only the last area light shines; only the first, and from everywhere but a corner; next to nothing but for a firefly.
         let wrong: [&dyn Fn(Vec3, u32, f32) -> f32; 3] = [
             &|_, area_light, _| if area_light + 1 == area_lights { 1.0 } else { 0.0 },
@@ -162,7 +118,7 @@ fn lies_about_lamps_change_no_mean() {
             };
             let light_sample_records: Vec<_> = (0..20_000).map(light_sample_record).collect();
             let lights = LearnedLights::learn(tree, &light_sample_records, 1.0).unwrap();
-            let with = pictures(&stage, (Some(&lights), None), 500 * (i as u32 + 1), 60)[0];
+            let with = pictures(&stage, Some(&lights), 500 * (i as u32 + 1), 60)[0];
             assert!(z(&without, &with).abs() < z_limit(6), "{name}, learned {i}: {without:?} {with:?}");
         }
     }
@@ -170,13 +126,8 @@ fn lies_about_lamps_change_no_mean() {
 
 #[test]
 fn where_lights_are_learned_bits_are_the_same_on_any_threads_in_any_window_part_and_session() {
-    let of_lights = |stats: &RenderStats| stats.techniques.learned_lights.unwrap();
-    same_bits(&Stage::new(house(), Backend::Embree), &settings(Balance::Progressive), of_lights);
-    let of_environment = |stats: &RenderStats| stats.techniques.learned_environment.unwrap();
-    same_bits(&Stage::new(open_hall(), Backend::Embree), &larger(), of_environment);
-}
-
-fn same_bits(stage: &Stage, settings: &RenderSettings, learned: impl Fn(&RenderStats) -> LearnedLightsStats) {
+    let learned = |stats: &RenderStats| stats.techniques.learned_lights.unwrap();
+    let (stage, settings) = (&Stage::new(house(), Backend::Embree), &settings(Balance::Progressive));
     let one = on_threads(stage, settings, 1);
     assert!(learned(&one.stats).on);
     let same = |other: &Rendered| {

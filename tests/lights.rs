@@ -2,8 +2,8 @@
 
 use bismar::lanes::{F, V3};
 use bismar::light::{
-    AreaLights, Density, EnvironmentSampler, LearnedEnvironment, LearnedLights, LightProposal, LightSampleContext,
-    LightSampleRecord, LightSamples,
+    AreaLights, Density, EnvironmentSampler, LearnedLights, LightProposal, LightSampleContext, LightSampleRecord,
+    LightSamples,
 };
 use bismar::scene::{Environment, Instance, Material, Mesh, Object, Positions, Scene};
 use glam::{Affine3A, Vec3};
@@ -32,50 +32,11 @@ fn context(scene: &Scene, n: Vec3) -> LightSampleContext<'_> {
 
 fn sample_environment(sampler: &EnvironmentSampler, u: f32, v: f32, density: Density) -> Option<Sample> {
     let proposal = LightProposal { density, ..Default::default() };
-    third(sampler.sample(&context(&Scene::default(), Vec3::ZERO), &proposal, [F::ZERO, F::splat(u), F::splat(v)]))
+    third(sampler.sample(&proposal, [F::ZERO, F::splat(u), F::splat(v)]))
 }
 
 fn radiance_pdf(sampler: &EnvironmentSampler, wi: Vec3, density: Density) -> (Vec3, f32) {
-    let (radiance, pdf) = sampler.radiance_pdf(V3::splat(wi), density, None);
-    (radiance.lane(3), pdf.as_array()[3])
-}
-
-/// A point of the floor; what is learned depends on it.
-const HERE: [Vec3; 2] = [Vec3::new(0.4, 0.0, 0.2), Vec3::Y];
-
-/// Sampling of the environment by regions, where `contribution` is what a light sample from a region brings at x, in [0, 1).
-fn learned_environment(
-    sampler: &EnvironmentSampler,
-    density: Density,
-    contribution: &dyn Fn(f32, u32) -> f32,
-) -> LearnedEnvironment {
-    let mut random = Random(17);
-    let record = |i: u32| {
-        let position = Vec3::new(random.f32(), 0.0, random.f32());
-        let emitter = i % 64;
-        LightSampleRecord {
-            position,
-            normal: Vec3::Y,
-            emitter,
-            pixel: 0,
-            contribution: contribution(position.x, emitter),
-        }
-    };
-    let records: Vec<_> = (0..20_000).map(record).collect();
-    sampler.in_regions(density).learn(&records, 1.0).unwrap()
-}
-
-fn sample_learned(sampler: &EnvironmentSampler, learned: &LearnedEnvironment, [u, v]: [f32; 2]) -> Option<Sample> {
-    let proposal = LightProposal { density: learned.density, learned_environment: Some(learned), ..Default::default() };
-    let [p, n] = HERE.map(V3::splat);
-    let scene = Scene::default();
-    let context = LightSampleContext { p, n, ..context(&scene, Vec3::Y) };
-    third(sampler.sample(&context, &proposal, [F::ZERO, F::splat(u), F::splat(v)]))
-}
-
-fn learned_radiance_pdf(sampler: &EnvironmentSampler, learned: &LearnedEnvironment, wi: Vec3) -> (Vec3, f32) {
-    let [p, n] = HERE.map(V3::splat);
-    let (radiance, pdf) = sampler.radiance_pdf(V3::splat(wi), learned.density, Some(learned.at(p, n)));
+    let (radiance, pdf) = sampler.radiance_pdf(V3::splat(wi), density);
     (radiance.lane(3), pdf.as_array()[3])
 }
 
@@ -113,85 +74,6 @@ fn environment_samples_follow_the_pdf() {
                 || sample_environment(&sampler, random.f32(), random.f32(), density).map(|s| s.wi),
                 |wi| f64::from(radiance_pdf(&sampler, wi, density).1),
             );
-        }
-    }
-}
-
-/// What light samples of regions bring: some regions more than others, differently on the left and on the right; one region; and
-/// next to nothing but for one record.
-const CLAIMS: [fn(f32, u32) -> f32; 3] = [
-    |x, region| if x < 0.5 { region as f32 } else { 64.0 - region as f32 },
-    |_, region| f32::from(u8::from(region == 5)),
-    |x, region| if x > 0.9999 && region == 1 { 1e12 } else { 1e-9 },
-];
-
-#[test]
-fn learned_environment_samples_follow_the_pdf_and_carry_it() {
-    for (k, claim) in CLAIMS.iter().enumerate() {
-        for (density, rotation) in DENSITIES.into_iter().zip([0.0, 1.3]) {
-            let sampler = EnvironmentSampler::new(&map(rotation)).unwrap();
-            let learned = learned_environment(&sampler, density, claim);
-            assert!(learned.cells() > 20 && learned.bytes() > 20 * 512);
-            let mut random = Random(40 + k as u64);
-            chi_square_directions(
-                &format!("learned environment, claim {k}, {density:?}"),
-                6,
-                (200_000, 96),
-                || sample_learned(&sampler, &learned, [random.f32(), random.f32()]).map(|s| s.wi),
-                |wi| f64::from(learned_radiance_pdf(&sampler, &learned, wi).1),
-            );
-            let mut differing = 0;
-            for _ in 0..10_000 {
-                let s = sample_learned(&sampler, &learned, [random.f32(), random.f32()]).unwrap();
-                let (radiance, pdf) = learned_radiance_pdf(&sampler, &learned, s.wi);
-                // Rounding may lead to the cell beside.
-                differing += u32::from((pdf / s.pdf - 1.0).abs() > 2e-2 && s.pdf > 1e-3);
-                assert!((radiance - s.radiance).abs().max_element() < 2e-3, "{}", s.wi);
-                // Half of the samples follow the density alone.
-                let plain = radiance_pdf(&sampler, s.wi, density).1;
-                assert!(pdf > 0.499 * plain || plain < 1e-3, "{pdf} {plain}");
-            }
-            assert!(differing <= 5, "{differing}");
-        }
-    }
-}
-
-#[test]
-fn whatever_was_learned_of_the_environment_its_light_has_the_same_mean() {
-    // Irradiance of the floor. Next to the poles, sin θ of a row is not that of the direction: as for the plain density.
-    let sampler = EnvironmentSampler::new(&map(0.3)).unwrap();
-    let irradiance = |s: &Sample| f64::from(s.radiance.x * s.wi.y.max(0.0) / s.pdf);
-    let mut without = Mean::default();
-    let mut random = Random(7);
-    for _ in 0..400_000 {
-        let s = sample_environment(&sampler, random.f32(), random.f32(), Density::Radiance);
-        without.add(s.map_or(0.0, |s| irradiance(&s)));
-    }
-    for (k, claim) in CLAIMS.iter().enumerate() {
-        let learned = learned_environment(&sampler, Density::Radiance, claim);
-        let mut with = Mean::default();
-        for _ in 0..400_000 {
-            with.add(sample_learned(&sampler, &learned, [random.f32(), random.f32()]).map_or(0.0, |s| irradiance(&s)));
-        }
-        let error = without.standard_error().hypot(with.standard_error());
-        assert!(((without.mean - with.mean) / error).abs() < z_limit(3), "claim {k}: {without:?} {with:?}");
-    }
-}
-
-#[test]
-fn of_an_environment_nothing_is_learned_where_nothing_arrives_and_odd_records_harm_nothing() {
-    let sampler = EnvironmentSampler::new(&map(0.0)).unwrap();
-    let all = sampler.in_regions(Density::Radiance);
-    assert!(all.learn(&[], 1.0).is_none());
-    let record =
-        |contribution| LightSampleRecord { position: Vec3::ZERO, normal: Vec3::Y, emitter: 3, pixel: 0, contribution };
-    assert!(all.learn(&[record(0.0); 100], 1.0).is_none());
-    for odd in [f32::INFINITY, f32::MAX, 1e-30, f32::from_bits(1)] {
-        let learned = all.learn(&[record(odd); 100], 1.0).unwrap();
-        let mut random = Random(3);
-        for _ in 0..1000 {
-            let s = sample_learned(&sampler, &learned, [random.f32(), random.f32()]).unwrap();
-            assert!(s.pdf.is_finite() && s.wi.is_finite(), "{odd}: {}", s.pdf);
         }
     }
 }

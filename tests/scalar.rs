@@ -7,7 +7,7 @@ use bismar::color::luminance;
 use bismar::film::{Peak, PixelStats};
 use bismar::integrator::clients::{ContributionColumns, Contributions};
 use bismar::integrator::{EmissionRayCounts, PixelSums, PixelTask, Proposal, Transport, Wave, scalar};
-use bismar::light::{Density, LearnedLights, LightProposal, LightSampleRecord, Lights};
+use bismar::light::{LearnedLights, LightProposal, LightSampleRecord};
 use bismar::rays::Backend;
 use bismar::render::prepass::guiding::learned;
 use bismar::render::{GlassShadows, Guiding, RenderSettings, transport};
@@ -61,31 +61,18 @@ fn each_path_of_a_wave_is_the_scalar_path() {
         let field = learned.as_ref().and_then(|learned| learned.field.as_ref());
         assert_eq!(field.is_some(), guiding == Guiding::On);
         // A third of the area lights contribute nothing anywhere.
-        let of_light_samples = |lights: u32| -> Vec<_> {
+        let light_samples = || -> Vec<_> {
             let light_sample_record = |i: u32| {
                 let position =
                     Vec3::new((i % 61) as f32 / 10.0 - 3.0, (i % 17) as f32 / 17.0, (i % 53) as f32 / 10.0 - 2.6);
-                LightSampleRecord {
-                    position,
-                    normal: Vec3::Y,
-                    emitter: i % lights,
-                    pixel: 0,
-                    contribution: (i % 3) as f32,
-                }
+                LightSampleRecord { position, normal: Vec3::Y, emitter: i % 40, pixel: 0, contribution: (i % 3) as f32 }
             };
             (0..4000).filter(|_| learns).map(light_sample_record).collect()
         };
-        let Lights { area, environment, .. } = stage.scene.lights.as_ref();
-        let area = area.as_ref().and_then(|area| LearnedLights::learn(area.tree(), &of_light_samples(40), 1.0));
-        let environment = environment
-            .as_ref()
-            .and_then(|environment| environment.in_regions(Density::Radiance).learn(&of_light_samples(2), 1.0));
-        assert_eq!([area.is_some(), environment.is_some()], [learns; 2]);
-        let lights = LightProposal {
-            learned: area.as_ref(),
-            learned_environment: environment.as_ref(),
-            ..unguided.proposal.lights
-        };
+        let area = stage.scene.lights.area.as_ref();
+        let area = area.and_then(|area| LearnedLights::learn(area.tree(), &light_samples(), 1.0));
+        assert_eq!(area.is_some(), learns);
+        let lights = LightProposal { learned: area.as_ref(), ..unguided.proposal.lights };
         // Camera rays for emission in two of three pixels.
         let emission_rays = EmissionRayCounts::new(20, (0..300).map(|i| [1, 4, 2][i % 3]).collect());
         let emission_rays = Some(&emission_rays).filter(|_| max_depth > 5);

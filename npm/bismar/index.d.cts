@@ -103,8 +103,6 @@ export interface RenderFlags {
   guiding_memory?: number | string | undefined;
   /** Learned light selection: choose among emissive triangles by what a pre-pass has learned (docs/balance.md). auto concerns --balance progressive */
   learned_lights?: "off" | "on" | "auto" | boolean | undefined;
-  /** Learned sampling of the environment: by which parts of it light each part of the scene, as a pre-pass has learned (docs/balance.md). auto concerns --balance progressive */
-  learned_environment?: "off" | "on" | "auto" | boolean | undefined;
   /** Compensated environment density: draw light samples of the environment by its radiance above the mean (docs/balance.md). auto concerns --balance progressive */
   compensation?: "off" | "on" | "auto" | boolean | undefined;
   /** Clamp direct light: largest radiance, in the brightest channel, of one contribution at the first surface. Removes fireflies, but the picture becomes darker than the truth [default: no limit] */

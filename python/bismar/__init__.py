@@ -264,7 +264,6 @@ class Scene:
         min_spp: Optional[int] = None,
         adaptive: Union[str, bool, None] = None,
         learned_lights: Optional[str] = None,
-        learned_environment: Optional[str] = None,
         compensation: Optional[str] = None,
         balance: Union[str, Callable[[Moments], Any], None] = None,
         pilot: Optional[float] = None,
@@ -304,8 +303,8 @@ class Scene:
             the `Moments` so far between passes (of 8, 8, 16, 32, 64, 128, 128, ... paths, the first with shares of 0.5), and
             returns the light shares of the next one, in [0, 1]: an array (H, W), or one number for all pixels. It needs
             `size` and `spp`. It is slow, and its picture cannot be saved as .exr.
-        guiding, adaptive, learned_lights, learned_environment, compensation: "off", "on" or "auto" (where a pre-pass
-            estimates that it pays) [default: auto with the balance "progressive"]. adaptive: paths per tile by estimated
+        guiding, adaptive, learned_lights, compensation: "off", "on" or "auto" (where a pre-pass estimates that it
+            pays) [default: auto with the balance "progressive"]. adaptive: paths per tile by estimated
             variance and cost.
         crop: window x0, y0, x1, y1 in pixels, the last two exclusive.
         aperture: an f-stop such as "f/2.8" or a radius in metres; focus: a distance in metres or "auto".
@@ -340,7 +339,6 @@ class Scene:
             min_spp=min_spp,
             adaptive=_switch(adaptive),
             learned_lights=learned_lights,
-            learned_environment=learned_environment,
             compensation=compensation,
             balance=balance,
             pilot=pilot,

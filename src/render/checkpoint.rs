@@ -38,9 +38,8 @@ pub struct Saved {
 impl Saved {
     /// Does what it has learned depend on the goal? A guiding field does, and what was learned about lights from the same rounds.
     pub fn learns_by_goal(&self, settings: &RenderSettings) -> bool {
-        let TechniqueStats { learned_lights, learned_environment, guiding, .. } = self.stats.techniques;
-        let about_lights = learned_lights.is_some() || learned_environment.is_some_and(|found| found.on);
-        about_lights && settings.guiding != Choice::Off || guiding.is_some_and(|guiding| guiding.on)
+        let TechniqueStats { learned_lights, guiding, .. } = self.stats.techniques;
+        learned_lights.is_some() && settings.guiding != Choice::Off || guiding.is_some_and(|guiding| guiding.on)
     }
 
     /// Are its passes those that a render of these settings begins with? Then the resumed render has the bits of an

@@ -84,12 +84,12 @@ mod tests {
     fn settings_of_earlier_files_keep_their_meaning() {
         let plain = RenderSettings { adaptive: Choice::Off, guiding: Choice::Off, ..Default::default() };
         let text = to_string(&plain).unwrap();
-        for absent in ["adaptive", "guiding", "learned_lights", "learned_environment", "compensation"] {
+        for absent in ["adaptive", "guiding", "learned_lights", "compensation"] {
             assert!(!text.contains(absent), "{text}");
         }
         let read: RenderSettings = from_str(&text).unwrap();
         assert_eq!((read.adaptive, read.guiding), (Choice::Off, Choice::Off));
-        assert_eq!([read.learned_lights, read.learned_environment, read.compensation], [Choice::Auto; 3]);
+        assert_eq!([read.learned_lights, read.compensation], [Choice::Auto; 2]);
         let on = to_string(&RenderSettings { adaptive: Choice::On, ..plain.clone() }).unwrap();
         assert!(on.contains(r#""adaptive":true"#), "{on}");
         for choice in Choice::ALL {
@@ -97,13 +97,12 @@ mod tests {
                 adaptive: choice,
                 guiding: choice,
                 learned_lights: choice,
-                learned_environment: choice,
                 compensation: choice,
                 ..plain.clone()
             };
             let read: RenderSettings = from_str(&to_string(&settings).unwrap()).unwrap();
-            let RenderSettings { adaptive, guiding, learned_lights, learned_environment, compensation, .. } = read;
-            assert_eq!([adaptive, guiding, learned_lights, learned_environment, compensation], [choice; 5]);
+            let RenderSettings { adaptive, guiding, learned_lights, compensation, .. } = read;
+            assert_eq!([adaptive, guiding, learned_lights, compensation], [choice; 4]);
         }
     }
 }

@@ -143,7 +143,7 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
     if unfinished {
         goals::add(&mut goals, settings, most);
     }
-    let before = stats.techniques;
+    let guided_before = stats.techniques.guiding;
     let stats = RenderStats {
         noise: f64::INFINITY,
         techniques: TechniqueStats { adaptive, ..prepasses.stats() }.or(stats.techniques),
@@ -152,13 +152,10 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
     if unfinished {
         info!("{}", Decisions::new(settings, &stats.techniques));
     }
-    let begins = |is_on: &dyn Fn(&TechniqueStats) -> Option<bool>| {
-        is_on(&before) == Some(false) && is_on(&stats.techniques) == Some(true)
-    };
-    if begins(&|found| Some(found.guiding?.on)) || begins(&|found| Some(found.learned_environment?.on)) {
+    let [on, was_on] = [stats.techniques.guiding, guided_before].map(|guiding| guiding.map(|guiding| guiding.on));
+    if was_on == Some(false) && on == Some(true) {
         warn!(
-            "paths are guided, or light samples choose parts of the environment, from here on: the picture is unbiased, but not \
-             bit-identical to an uninterrupted render"
+            "paths are guided from here on: the picture is unbiased, but not bit-identical to an uninterrupted render"
         );
     }
     let (stop_reason, background) = (StopReason::Interrupted, background(&scene.scene, settings));

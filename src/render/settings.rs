@@ -171,10 +171,6 @@ pub struct RenderSettings {
     /// balance methods that use pre-passes.
     #[serde(default = "Choice::auto", skip_serializing_if = "Choice::is_auto")]
     pub learned_lights: Choice,
-    /// Sampling of the environment by what a pre-pass has learned ([`learned_lights`](super::prepass::learned_lights)). Auto
-    /// concerns balance methods that use pre-passes.
-    #[serde(default = "Choice::auto", skip_serializing_if = "Choice::is_auto")]
-    pub learned_environment: Choice,
     /// The compensated density of the environment ([`compensation`](super::prepass::compensation)). Auto concerns balance
     /// methods that use pre-passes.
     #[serde(default = "Choice::auto", skip_serializing_if = "Choice::is_auto")]
@@ -264,7 +260,6 @@ impl RenderSettings {
             guiding,
             guiding_memory,
             learned_lights,
-            learned_environment,
             compensation,
             seed,
             filter,
@@ -321,8 +316,7 @@ impl RenderSettings {
         if *adaptive != Choice::Off {
             insert("adaptive", if *adaptive == Choice::On { "true".into() } else { variant_name(adaptive) });
         }
-        let learned = [("learned-lights", learned_lights), ("learned-environment", learned_environment)];
-        for (name, choice) in learned.into_iter().chain([("compensation", compensation)]) {
+        for (name, choice) in [("learned-lights", learned_lights), ("compensation", compensation)] {
             if *choice != Choice::Auto {
                 insert(name, variant_name(choice));
             }
@@ -422,7 +416,6 @@ impl Default for RenderSettings {
             guiding: Choice::Off,
             guiding_memory: None,
             learned_lights: Choice::Auto,
-            learned_environment: Choice::Auto,
             compensation: Choice::Auto,
             seed: 0,
             filter: PixelFilter::Gaussian,

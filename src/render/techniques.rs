@@ -17,9 +17,6 @@ pub struct TechniqueStats {
     /// Learned selection of area lights.
     #[serde(rename = "lamps", skip_serializing_if = "Option::is_none")]
     pub learned_lights: Option<LearnedLightsStats>,
-    /// Learned sampling of the environment.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub learned_environment: Option<LearnedLightsStats>,
     /// Path guiding.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub guiding: Option<GuidingStats>,
@@ -34,7 +31,6 @@ impl TechniqueStats {
         Self {
             compensation: self.compensation.or(earlier.compensation),
             learned_lights: self.learned_lights.or(earlier.learned_lights),
-            learned_environment: self.learned_environment.or(earlier.learned_environment),
             guiding: self.guiding.or(earlier.guiding),
             adaptive: self.adaptive.or(earlier.adaptive),
         }
@@ -87,7 +83,7 @@ pub struct CompensationStats {
     pub seconds: f64,
 }
 
-/// The result of the pre-pass of emissive triangles, or of the environment's regions.
+/// The result of the pre-pass of emissive triangles.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 pub struct LearnedLightsStats {
     /// Are light samples chosen by it?
@@ -150,8 +146,6 @@ pub struct Decisions {
     pub compensation: Decision,
     /// Learned selection of area lights.
     pub learned_lights: Decision,
-    /// Learned sampling of the environment.
-    pub learned_environment: Decision,
     /// Path guiding.
     pub guiding: Decision,
     /// Numbers of paths by tile.
@@ -172,13 +166,6 @@ impl Decisions {
             Choice::On => Decision { on, why: format!("asked for; {what}") },
             _ => Decision { on, why: what },
         };
-        let learned = |found: Option<LearnedLightsStats>, choice: Choice, nothing: &str| match found {
-            None => without(choice, is_auto_here, nothing),
-            Some(found) => {
-                let what = format!("leaves {:.2} of the variance", found.remaining_variance);
-                by(found.on, choice, what)
-            }
-        };
         let few = settings.expected_spp() < MIN_AUTO_PATHS;
         Self {
             compensation: match stats.compensation {
@@ -188,12 +175,13 @@ impl Decisions {
                     Some(left) => by(found.on, settings.compensation, format!("leaves {left:.2} of the variance")),
                 },
             },
-            learned_lights: learned(
-                stats.learned_lights,
-                settings.learned_lights,
-                "no emissive triangles to choose among",
-            ),
-            learned_environment: learned(stats.learned_environment, settings.learned_environment, "no environment"),
+            learned_lights: match stats.learned_lights {
+                None => without(settings.learned_lights, is_auto_here, "no emissive triangles to choose among"),
+                Some(found) => {
+                    let what = format!("leaves {:.2} of the variance", found.remaining_variance);
+                    by(found.on, settings.learned_lights, what)
+                }
+            },
             guiding: match stats.guiding {
                 None if settings.guiding == Choice::Auto && few => no(too_few()),
                 None => without(settings.guiding, true, "no indirect light"),
@@ -232,11 +220,10 @@ fn too_few() -> String {
 
 impl Display for Decisions {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        let Self { compensation, learned_lights, learned_environment, guiding, adaptive } = self;
+        let Self { compensation, learned_lights, guiding, adaptive } = self;
         let named = [
             ("compensation", compensation),
             ("learned lights", learned_lights),
-            ("learned environment", learned_environment),
             ("guiding", guiding),
             ("adaptive sampling", adaptive),
         ];

@@ -46,7 +46,7 @@ impl Subject {
             ("transparent".into(), None),
         ];
         // With so few paths, the pre-passes take longer than what they save.
-        let prepasses = ["guiding", "adaptive", "learned-lights", "learned-environment", "compensation"];
+        let prepasses = ["guiding", "adaptive", "learned-lights", "compensation"];
         flags.extend(prepasses.map(|name| (name.into(), Some("off".into()))));
         let mut args: RenderArgs = parse("render", &flags, &[scene])?;
         args.selection = look.selection.clone();

@@ -120,7 +120,7 @@ impl<'a> Need<'a> {
         let pixels = u64::from(width) * u64::from(height);
         let prepass = match pixels {
             0 => prepass::Size::default(),
-            _ => prepass::size(&settings, scene.census.emissive_triangles, false),
+            _ => prepass::size(&settings, scene.census.emissive_triangles),
         };
         Self {
             scene,

@@ -197,11 +197,6 @@ pub struct RenderArgs {
     #[arg(long, value_parser = value_of::<Choice>(), default_value = Choice::Auto.name(), value_name = "WHEN",
         help_heading = "Sampling")]
     pub learned_lights: Choice,
-    /// Learned sampling of the environment: by which parts of it light each part of the scene, as a pre-pass has learned
-    /// (docs/balance.md). auto concerns --balance progressive.
-    #[arg(long, value_parser = value_of::<Choice>(), default_value = Choice::Auto.name(), value_name = "WHEN",
-        help_heading = "Sampling")]
-    pub learned_environment: Choice,
     /// Compensated environment density: draw light samples of the environment by its radiance above the mean
     /// (docs/balance.md). auto concerns --balance progressive.
     #[arg(long, value_parser = value_of::<Choice>(), default_value = Choice::Auto.name(), value_name = "WHEN",
@@ -425,7 +420,6 @@ impl RenderArgs {
             guiding: self.guiding.unwrap_or(automatic),
             guiding_memory: self.guiding_memory,
             learned_lights: self.learned_lights,
-            learned_environment: self.learned_environment,
             compensation: self.compensation,
             seed: match (self.seed_per_frame, self.selection.frame()) {
                 (Some(true), Some(frame)) => frame_seed(self.seed, frame),

@@ -141,7 +141,7 @@ impl Session<'_> {
         };
         let settings = RenderSettings { width, height, ..args.settings() };
         let lights = scene.census.emissive_triangles;
-        let prepass = prepass::size(&settings, lights, self.inputs.environment.1.is_some());
+        let prepass = prepass::size(&settings, lights);
         let need = Need {
             scene,
             steps: args.selection.steps(args.has_velocities()),

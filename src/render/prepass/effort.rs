@@ -48,8 +48,6 @@ pub const MAX_REMAINING_COMPENSATED: f64 = 0.97;
 /// Area lights are chosen by what was learned where at most this fraction of the variance remains, by the last round: the longer
 /// traversal of the light tree takes time.
 pub const MAX_REMAINING_LEARNED_LIGHTS: f64 = 0.9;
-/// The same for the environment: light samples that were below the horizon now take shadow rays.
-pub const MAX_REMAINING_LEARNED_ENVIRONMENT: f64 = 0.88;
 /// Learning about lights continues after the second round if at most this fraction remains: what one path per pixel has taught is
 /// too little to estimate the gain.
 pub const MAX_REMAINING_AT_FIRST_ROUND: f64 = 0.97;

@@ -1,5 +1,5 @@
-//! Learns which emissive triangles, or which parts of the environment, light each part of the scene, and decides whether light
-//! samples are chosen by that. A round of the pre-pass measures the efficiency of what those before it have taught.
+//! Learns which emissive triangles light each part of the scene, and decides whether light samples are chosen by that. A round of
+//! the pre-pass measures the efficiency of what those before it have taught.
 
 use std::sync::atomic::AtomicBool;
 
@@ -11,105 +11,33 @@ use super::effort;
 use super::rounds::{self, Learner, Round, Wanted};
 use crate::film::compare::sums_without_outliers;
 use crate::integrator::{PreparedScene, Proposal, Transport};
-use crate::light::{AreaLights, Density, LearnedEnvironment, LearnedLights, LightProposal, LightSampleRecord};
+use crate::light::{AreaLights, LearnedLights, LightProposal, LightSampleRecord};
 
 /// Paths after which no further round is needed, per pixel of a pre-pass with the pixels above: four rounds.
 const SUFFICIENT_PATHS_PER_PIXEL: f64 = 15.0;
 /// Maximum light-sample records of a round.
 const MAX_RECORDS_PER_ROUND: usize = 1 << 16;
 
-/// What light samples choose among: emissive triangles, or regions of the environment.
-pub trait Selection {
-    /// What is learned about the choice.
-    type Learned;
-
-    /// Index of its records in [`Round::light_sample_records`].
-    const RECORDS: usize;
-
-    /// It is used where at most this fraction of the variance remains.
-    const MAX_REMAINING: f64;
-
-    /// Learns from records. `scale` (metres) weights differences of normals against distances.
-    fn learn<'a>(&self, records: impl IntoIterator<Item = &'a LightSampleRecord>, scale: f32) -> Option<Self::Learned>;
-
-    /// The probabilities of a record's choice: without and with what is learned.
-    fn probabilities(&self, learned: &Self::Learned, record: &LightSampleRecord) -> [f32; 2];
-
-    /// The proposal with what is learned, or, with `None`, as it must be in order to learn.
-    fn apply<'a>(&'a self, learned: Option<&'a Self::Learned>, lights: LightProposal<'a>) -> LightProposal<'a>;
-
-    /// Number of cells, and bytes.
-    fn size(learned: &Self::Learned) -> (usize, usize);
-}
-
-impl Selection for &AreaLights {
-    type Learned = LearnedLights;
-    const RECORDS: usize = 0;
-    const MAX_REMAINING: f64 = effort::MAX_REMAINING_LEARNED_LIGHTS;
-
-    fn learn<'a>(&self, records: impl IntoIterator<Item = &'a LightSampleRecord>, scale: f32) -> Option<LearnedLights> {
-        LearnedLights::learn(self.tree(), records, scale)
-    }
-
-    fn probabilities(&self, learned: &LearnedLights, record: &LightSampleRecord) -> [f32; 2] {
-        self.tree().pmfs(record.position, record.normal, record.emitter, Some(learned))
-    }
-
-    fn apply<'a>(&'a self, learned: Option<&'a LearnedLights>, lights: LightProposal<'a>) -> LightProposal<'a> {
-        LightProposal { learned, ..lights }
-    }
-
-    fn size(learned: &LearnedLights) -> (usize, usize) {
-        (learned.cells(), learned.bytes())
-    }
-}
-
-impl Selection for LearnedEnvironment {
-    type Learned = Self;
-    const RECORDS: usize = 1;
-    const MAX_REMAINING: f64 = effort::MAX_REMAINING_LEARNED_ENVIRONMENT;
-
-    fn learn<'a>(&self, records: impl IntoIterator<Item = &'a LightSampleRecord>, scale: f32) -> Option<Self> {
-        LearnedEnvironment::learn(self, records, scale)
-    }
-
-    fn probabilities(&self, learned: &Self, record: &LightSampleRecord) -> [f32; 2] {
-        [self, learned].map(|environment| environment.probability(record))
-    }
-
-    fn apply<'a>(&'a self, learned: Option<&'a Self>, lights: LightProposal<'a>) -> LightProposal<'a> {
-        let learned = learned.unwrap_or(self);
-        LightProposal { learned_environment: Some(learned), density: learned.density, ..lights }
-    }
-
-    fn size(learned: &Self) -> (usize, usize) {
-        (learned.cells(), learned.bytes())
-    }
-}
-
 /// The result of the pre-pass.
 #[derive(Debug)]
-pub struct LearnedLightsResult<L> {
-    /// Which lights, or regions of the environment, matter in which part of the scene; `None` where that would not reduce the
-    /// variance enough.
-    pub lights: Option<L>,
+pub struct LearnedLightsResult {
+    /// Which lights matter in which part of the scene; `None` where that would not reduce the variance enough.
+    pub lights: Option<LearnedLights>,
     /// Its statistics, for reports.
     pub stats: LearnedLightsStats,
 }
 
 /// Maximum rounds and bytes that learning takes for a render with these settings, of which each round has `shared` pixels, in a
-/// scene of at most so many area lights, with an environment or without.
-pub fn bytes(settings: &RenderSettings, shared: f64, lights: u64, has_environment: bool) -> (u32, u64) {
-    let area = settings.uses_prepass(settings.learned_lights) && lights >= 2;
-    let environment = settings.uses_prepass(settings.learned_environment) && has_environment;
+/// scene of at most so many area lights.
+pub fn bytes(settings: &RenderSettings, shared: f64, lights: u64) -> (u32, u64) {
     let own = pixels(settings);
     let paths = |round: u32| shared * f64::from(1 << round);
     // Before a round there were as many paths as it has itself, less one per pixel.
     let rounds = (0..).take_while(|&round| !suffice(round, paths(round) - shared, own)).count() as u32;
     let of_round = |round| (paths(round) * f64::from(settings.max_depth)).min(MAX_RECORDS_PER_ROUND as f64);
     let records = (0..rounds).map(of_round).sum::<f64>() as u64;
-    let area = if area { LearnedLights::bytes_to_learn(records, lights) } else { 0 };
-    (rounds, area + if environment { LearnedEnvironment::bytes_to_learn(records) } else { 0 })
+    let learns = settings.uses_prepass(settings.learned_lights) && lights >= 2;
+    (rounds, if learns { LearnedLights::bytes_to_learn(records, lights) } else { 0 })
 }
 
 /// Do so many rounds of so many paths in all suffice, where the pre-pass would have `pixels` if it were alone?
@@ -123,8 +51,8 @@ pub fn pixels(settings: &RenderSettings) -> f64 {
 }
 
 /// Learns from the rounds of a pre-pass.
-pub struct LightsLearner<S: Selection> {
-    selection: S,
+pub struct LightsLearner<'a> {
+    area: &'a AreaLights,
     /// Is it used whatever remains?
     always: bool,
     /// Weight of differences of normals against distances, in metres.
@@ -135,33 +63,16 @@ pub struct LightsLearner<S: Selection> {
     records: Vec<Vec<LightSampleRecord>>,
     paths: f64,
     finished: bool,
-    result: LearnedLightsResult<S::Learned>,
+    result: LearnedLightsResult,
 }
 
-impl<'a> LightsLearner<&'a AreaLights> {
-    /// Begins to learn about area lights; `None` where the settings do not ask for it or there is nothing to choose.
-    pub fn area(scene: &'a PreparedScene, settings: &RenderSettings) -> Option<Self> {
+impl<'a> LightsLearner<'a> {
+    /// Begins to learn; `None` where the settings do not ask for it or there is nothing to choose.
+    pub fn new(scene: &'a PreparedScene, settings: &RenderSettings) -> Option<Self> {
         let area = scene.lights.area.as_ref().filter(|area| area.tree().top(3) > 1)?;
-        let choice = settings.learned_lights;
-        settings.uses_prepass(choice).then(|| Self::new(area, scene, settings, choice))
-    }
-}
-
-impl LightsLearner<LearnedEnvironment> {
-    /// Begins to learn about the environment, sampled by `density`; `None` where the settings do not ask for it.
-    pub fn environment(scene: &PreparedScene, settings: &RenderSettings, density: Density) -> Option<Self> {
-        let environment = scene.lights.environment.as_ref()?;
-        let regions = || environment.in_regions(density);
-        let choice = settings.learned_environment;
-        settings.uses_prepass(choice).then(|| Self::new(regions(), scene, settings, choice))
-    }
-}
-
-impl<S: Selection> LightsLearner<S> {
-    fn new(selection: S, scene: &PreparedScene, settings: &RenderSettings, choice: Choice) -> Self {
-        Self {
-            selection,
-            always: choice == Choice::On,
+        settings.uses_prepass(settings.learned_lights).then(|| Self {
+            area,
+            always: settings.learned_lights == Choice::On,
             scale: 0.25 * scene.scene.radius(),
             pixels: pixels(settings),
             records: Vec::new(),
@@ -171,16 +82,16 @@ impl<S: Selection> LightsLearner<S> {
                 lights: None,
                 stats: LearnedLightsStats { on: false, cells: 0, bytes: 0, remaining_variance: 1.0, seconds: 0.0 },
             },
-        }
+        })
     }
 
-    fn learned(&self) -> Option<S::Learned> {
-        self.selection.learn(self.records.iter().flatten(), self.scale)
+    fn learned(&self) -> Option<LearnedLights> {
+        LearnedLights::learn(self.area.tree(), self.records.iter().flatten(), self.scale)
     }
 
     /// Ends learning with this result, and frees the records.
-    fn finish_with(&mut self, lights: Option<S::Learned>) {
-        let (cells, bytes) = lights.as_ref().map_or((0, 0), S::size);
+    fn finish_with(&mut self, lights: Option<LearnedLights>) {
+        let (cells, bytes) = lights.as_ref().map_or((0, 0), |lights| (lights.cells(), lights.bytes()));
         let LearnedLightsStats { remaining_variance, seconds, .. } = self.result.stats;
         let stats = LearnedLightsStats { on: lights.is_some(), cells, bytes, remaining_variance, seconds };
         (self.result, self.finished) = (LearnedLightsResult { lights, stats }, true);
@@ -188,7 +99,7 @@ impl<S: Selection> LightsLearner<S> {
     }
 
     /// What was learned.
-    pub fn result(self) -> LearnedLightsResult<S::Learned> {
+    pub fn result(self) -> LearnedLightsResult {
         debug!(
             "learned lights leave {:.2} of the variance; {:?}",
             self.result.stats.remaining_variance, self.result.stats
@@ -198,11 +109,10 @@ impl<S: Selection> LightsLearner<S> {
 
     /// Variance with `lights` over that of paths without them: the second moments of light samples are reweighted to the
     /// learned choice.
-    fn relative_variance_with(&self, lights: &S::Learned, round: &Round) -> f64 {
+    fn relative_variance_with(&self, lights: &LearnedLights, round: &Round) -> f64 {
         let mut pixels: Vec<_> = round.pixels.iter().map(|pixel| [pixel.relative_variance(); 2]).collect();
-        for record in round.light_sample_records[S::RECORDS].iter().flatten().filter(|record| record.contribution > 0.0)
-        {
-            let [before, learned] = self.selection.probabilities(lights, record);
+        for record in round.light_sample_records.iter().flatten().filter(|record| record.contribution > 0.0) {
+            let [before, learned] = self.area.tree().pmfs(record.position, record.normal, record.emitter, Some(lights));
             let moment = f64::from(record.contribution).powi(2);
             pixels[record.pixel as usize][1] += moment * f64::from(before / learned - 1.0);
         }
@@ -211,15 +121,13 @@ impl<S: Selection> LightsLearner<S> {
     }
 }
 
-impl<S: Selection> Learner for LightsLearner<S> {
+impl Learner for LightsLearner<'_> {
     fn pixels(&self) -> f64 {
         self.pixels
     }
 
     fn wants(&self) -> Option<Wanted> {
-        let mut wanted = Wanted::default();
-        wanted.light_sample_records[S::RECORDS] = MAX_RECORDS_PER_ROUND;
-        (!self.finished).then_some(wanted)
+        (!self.finished).then(|| Wanted { light_sample_records: MAX_RECORDS_PER_ROUND, ..Default::default() })
     }
 
     fn learn(&mut self, round: &mut Round, seconds: f64) {
@@ -230,37 +138,33 @@ impl<S: Selection> Learner for LightsLearner<S> {
             let lights = self.learned();
             let remaining = lights.map_or(1.0, |lights| self.relative_variance_with(&lights, round));
             self.result.stats.remaining_variance = remaining;
-            let most = if is_last { S::MAX_REMAINING } else { effort::MAX_REMAINING_AT_FIRST_ROUND };
+            let most =
+                if is_last { effort::MAX_REMAINING_LEARNED_LIGHTS } else { effort::MAX_REMAINING_AT_FIRST_ROUND };
             if remaining >= most && !self.always {
                 return self.finish_with(None);
             }
         }
         // Records of all rounds follow the unlearned selection: learned choices begin when all are in.
-        self.records.append(&mut round.light_sample_records[S::RECORDS]);
+        self.records.append(&mut round.light_sample_records);
         if is_last {
             self.finish_with(self.learned());
         }
     }
 
     fn apply<'a>(&'a self, proposal: Proposal<'a>) -> Proposal<'a> {
-        let learned = self.result.lights.as_ref();
-        let lights = if self.finished && learned.is_none() {
-            proposal.lights
-        } else {
-            self.selection.apply(learned, proposal.lights)
-        };
+        let lights = LightProposal { learned: self.result.lights.as_ref(), ..proposal.lights };
         Proposal { lights, ..proposal }
     }
 }
 
 /// Lets a learner alone learn from the paths of `transport`, a render with these settings. `None` soon after `stop` is raised.
-pub fn learned<S: Selection>(
-    mut learner: LightsLearner<S>,
+pub fn learned(
+    mut learner: LightsLearner,
     scene: &PreparedScene,
     settings: &RenderSettings,
     transport: &Transport,
     stop: &AtomicBool,
-) -> Option<LearnedLightsResult<S::Learned>> {
+) -> Option<LearnedLightsResult> {
     rounds::run(scene, settings, transport, &mut [&mut learner], stop)?;
     Some(learner.result())
 }

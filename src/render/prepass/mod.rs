@@ -19,7 +19,7 @@ use super::RenderSettings;
 use super::techniques::{CompensationStats, TechniqueStats};
 use super::transport::transport;
 use crate::integrator::{PreparedScene, Proposal, Transport};
-use crate::light::{Density, LearnedEnvironment, LearnedLights, LightProposal};
+use crate::light::{Density, LightProposal};
 use guiding::GuidingLearner;
 use learned_lights::LightsLearner;
 use rounds::Learner;
@@ -30,9 +30,7 @@ pub struct Prepasses {
     /// Whether the environment is sampled by the compensated density.
     pub compensation: Option<CompensationStats>,
     /// Learned emissive triangles.
-    pub learned_lights: Option<learned_lights::LearnedLightsResult<LearnedLights>>,
-    /// Learned regions of the environment.
-    pub learned_environment: Option<learned_lights::LearnedLightsResult<LearnedEnvironment>>,
+    pub learned_lights: Option<learned_lights::LearnedLightsResult>,
     /// The field of guiding.
     pub guiding: Option<guiding::Learned>,
 }
@@ -51,14 +49,13 @@ pub struct Size {
     pub allocation: u64,
 }
 
-/// What the pre-passes of a render with these settings take at most, in a scene of at most so many area lights, with an
-/// environment or without.
-pub fn size(settings: &RenderSettings, lights: u64, has_environment: bool) -> Size {
+/// What the pre-passes of a render with these settings take at most, in a scene of at most so many area lights.
+pub fn size(settings: &RenderSettings, lights: u64) -> Size {
     let own = learned_lights::pixels(settings);
     let pixels = if settings.guides() { own.max(guiding::pixels(settings.pixels())) } else { own };
     let [width, height] = low_resolution::size(settings, pixels);
     let pixels = f64::from(width) * f64::from(height);
-    let (rounds, lights) = learned_lights::bytes(settings, pixels, lights, has_environment);
+    let (rounds, lights) = learned_lights::bytes(settings, pixels, lights);
     let [records, learning] = guiding::bytes(settings, u32::MAX, pixels);
     // In a round, lights have learned before guiding does, and then hold no records.
     let learning = (records + learning).max(lights + guiding::bytes(settings, rounds, pixels)[0]);
@@ -77,18 +74,13 @@ impl Prepasses {
         found.compensation =
             compensation::compensation(scene, settings, &found.apply(transport(scene, settings)), stop);
         let untaught = found.apply(transport(scene, settings));
-        let mut lights = LightsLearner::area(scene, settings);
-        let mut environment = LightsLearner::environment(scene, settings, untaught.proposal.lights.density);
+        let mut lights = LightsLearner::new(scene, settings);
         let mut guiding = GuidingLearner::new(scene, settings, &untaught);
-        let learners = [
-            lights.as_mut().map(|l| l as &mut dyn Learner),
-            environment.as_mut().map(|l| l as &mut dyn Learner),
-            guiding.as_mut().map(|l| l as &mut dyn Learner),
-        ];
+        let learners =
+            [lights.as_mut().map(|l| l as &mut dyn Learner), guiding.as_mut().map(|l| l as &mut dyn Learner)];
         let mut learners: Vec<_> = learners.into_iter().flatten().collect();
         if rounds::run(scene, settings, &untaught, &mut learners, stop).is_some() {
             found.learned_lights = lights.map(LightsLearner::result);
-            found.learned_environment = environment.map(LightsLearner::result);
             let mut guiding = guiding.map(GuidingLearner::result);
             if let Some(guiding) = &mut guiding {
                 guiding.compare(settings, &found.apply(transport(scene, settings)), stop);
@@ -103,7 +95,6 @@ impl Prepasses {
         TechniqueStats {
             compensation: self.compensation,
             learned_lights: self.learned_lights.as_ref().map(|found| found.stats),
-            learned_environment: self.learned_environment.as_ref().map(|found| found.stats),
             guiding: self.guiding.as_ref().map(|guiding| guiding.stats()),
             adaptive: None,
         }
@@ -118,7 +109,6 @@ impl Prepasses {
         let lights = LightProposal {
             density,
             learned: self.learned_lights.as_ref().and_then(|found| found.lights.as_ref()),
-            learned_environment: self.learned_environment.as_ref().and_then(|found| found.lights.as_ref()),
             ..transport.proposal.lights
         };
         let proposal = Proposal { lights, ..transport.proposal };

@@ -11,7 +11,6 @@ use crate::color::luminance;
 use crate::film::PixelStats;
 use crate::guiding::{TrainingSample, VertexRecord};
 use crate::integrator::clients::{LightSampleRecorder, TrainingRecorder};
-use crate::integrator::queues::{AREA_GROUP, ENVIRONMENT_GROUP};
 use crate::integrator::{PixelSums, PixelTask, PreparedScene, Proposal, Transport, Wave, WaveCounts};
 use crate::light::LightSampleRecord;
 use crate::sampling::hash;
@@ -39,8 +38,8 @@ pub struct Wanted {
     pub training_samples: usize,
     /// Vertex records of the roulette.
     pub vertex_records: usize,
-    /// Light samples by kind: area lights, environment.
-    pub light_sample_records: [usize; 2],
+    /// Light samples of area lights.
+    pub light_sample_records: usize,
 }
 
 impl Wanted {
@@ -48,7 +47,7 @@ impl Wanted {
         Self {
             training_samples: self.training_samples.max(other.training_samples),
             vertex_records: self.vertex_records.max(other.vertex_records),
-            light_sample_records: [0, 1].map(|k| self.light_sample_records[k].max(other.light_sample_records[k])),
+            light_sample_records: self.light_sample_records.max(other.light_sample_records),
         }
     }
 }
@@ -66,8 +65,8 @@ pub struct Round {
     pub training_samples: Vec<Vec<TrainingSample>>,
     /// Vertices beyond the first.
     pub vertex_records: Vec<Vec<VertexRecord>>,
-    /// Light samples by kind (area lights, environment), with indices into `pixels`.
-    pub light_sample_records: [Vec<Vec<LightSampleRecord>>; 2],
+    /// Light samples of area lights, with indices into `pixels`.
+    pub light_sample_records: Vec<Vec<LightSampleRecord>>,
     /// Rays of all paths.
     pub rays: u64,
 }
@@ -97,15 +96,13 @@ impl Round {
     }
 
     /// Appends more pixels with their records.
-    fn append(&mut self, more: Self) {
+    fn append(&mut self, mut more: Self) {
         let before = self.pixels.len() as u32;
         self.pixels.extend(more.pixels);
         self.training_samples.extend(more.training_samples);
         self.vertex_records.extend(more.vertex_records);
-        for (records, mut more) in self.light_sample_records.iter_mut().zip(more.light_sample_records) {
-            more.iter_mut().flatten().for_each(|record| record.pixel += before);
-            records.append(&mut more);
-        }
+        more.light_sample_records.iter_mut().flatten().for_each(|record| record.pixel += before);
+        self.light_sample_records.append(&mut more.light_sample_records);
         self.rays += more.rays;
     }
 }
@@ -190,17 +187,15 @@ pub fn trace(
 ) -> Option<Round> {
     let counts = transport.half(paths);
     let tiles = tiles(size).len();
-    let [area, environment] = wants.light_sample_records;
-    let most = [wants.training_samples, wants.vertex_records, area, environment].map(|most| most.div_ceil(tiles));
+    let most = [wants.training_samples, wants.vertex_records, wants.light_sample_records].map(|n| n.div_ceil(tiles));
     let of_tile = |wave: &mut Wave, pixels: Vec<[u32; 2]>| {
         let tasks: Vec<_> = pixels.into_iter().map(|pixel| PixelTask::first(pixel, counts, 0)).collect();
         let mut training = (wants.training_samples > 0).then(TrainingRecorder::default);
-        let recorder = |k: usize, kind| (wants.light_sample_records[k] > 0).then(|| LightSampleRecorder::new(kind));
-        let mut lights = (recorder(0, AREA_GROUP), recorder(1, ENVIRONMENT_GROUP));
+        let mut lights = (wants.light_sample_records > 0).then(LightSampleRecorder::default);
         let mut found = Round::default();
         let mut training_samples = Thinned::of_at_most(most[0]);
         let mut vertex_records = Thinned::of_at_most(most[1]);
-        let mut light_sample_records = [most[2], most[3]].map(Thinned::of_at_most);
+        let mut light_sample_records = Thinned::of_at_most(most[2]);
         wave.counts = WaveCounts::default();
         for tasks in tasks.chunks((PATHS_PER_WAVE / paths).max(1) as usize) {
             let mut stats = vec![PixelStats::default(); tasks.len()];
@@ -209,11 +204,10 @@ pub fn trace(
             if let Some(recorder) = &mut training {
                 recorder.append_to(&divisors, &mut training_samples, &mut vertex_records);
             }
-            let before = found.pixels.len() as u32;
-            let numbered = |record: LightSampleRecord| LightSampleRecord { pixel: before + record.pixel, ..record };
-            for (kept, recorder) in light_sample_records.iter_mut().zip([&mut lights.0, &mut lights.1]) {
-                let records = recorder.as_mut().map(|recorder| recorder.take(&divisors)).unwrap_or_default();
-                kept.extend(records.into_iter().map(numbered));
+            if let Some(recorder) = &mut lights {
+                let before = found.pixels.len() as u32;
+                let numbered = |record: LightSampleRecord| LightSampleRecord { pixel: before + record.pixel, ..record };
+                light_sample_records.extend(recorder.take(&divisors).into_iter().map(numbered));
             }
             let pixel = |(stats, divisor): (&PixelStats, f32)| {
                 let variance = stats.variance_of_mean().iter().map(|v| f64::from(*v)).sum::<f64>() / 3.0;
@@ -225,8 +219,8 @@ pub fn trace(
         // The records that remain stand for those that are left out.
         found.training_samples = vec![training_samples.weighted(|sample| sample.weight *= 2.0)];
         found.vertex_records = vec![vertex_records.weighted(|_| ())];
-        found.light_sample_records = light_sample_records
-            .map(|records| vec![records.weighted(|record| record.contribution *= std::f32::consts::SQRT_2)]);
+        let weighted = light_sample_records.weighted(|record| record.contribution *= std::f32::consts::SQRT_2);
+        found.light_sample_records = vec![weighted];
         found.rays = wave.counts.rays();
         found
     };

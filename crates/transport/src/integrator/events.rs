@@ -71,7 +71,7 @@ pub struct LightSampleGroup {
     pub is_environment: F,
     /// Shading points and normals that lights were sampled from.
     pub from: (V3, V3),
-    /// Indices of the area lights, or the environment's regions where the proposal has any.
+    /// Indices of the area lights; without meaning for the environment.
     pub emitter: [u32; LANES],
     /// Density per solid angle times samples per path of the technique.
     pub weighted_pdf: F,

@@ -263,11 +263,7 @@ impl<'a> Tracer<'a> {
             if excluded || t.lights.environment.is_none() || (depth == 0 && !passed_wall && t.hides_environment) {
                 return Vec3::ZERO;
             }
-            let (radiance, pdf) = t.lights.environment(
-                V3::splat(direction),
-                (V3::splat(origin), V3::splat(ray.normal)),
-                &t.proposal.lights,
-            );
+            let (radiance, pdf) = t.lights.environment(V3::splat(direction), &t.proposal.lights);
             let pdf = if one_technique { 0.0 } else { pdf.as_array()[0] };
             return self.emission(ray, depth, radiance.lane(0), [pdf, 0.0]);
         }

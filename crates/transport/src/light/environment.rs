@@ -5,19 +5,15 @@ use std::sync::OnceLock;
 
 use glam::Vec3;
 
-mod learned;
-mod regions;
 mod table;
 
-use super::samples::{LightProposal, LightSampleContext, LightSamples};
+use super::samples::{LightProposal, LightSamples};
 use crate::color::luminance;
 use crate::lanes::{F, LANES, V3, eight};
 use crate::sampling::warp;
 use crate::scene::Environment;
-pub use learned::LearnedEnvironment;
-use regions::{RegionProbabilities, Regions};
 pub use table::Density;
-use table::{SampledCell, Table, row_extent, row_pair};
+use table::{Table, row_extent, row_pair};
 
 /// Radiance is interpolated between texel centres (wrapping in u, clamped at the poles). Samples follow the luminance of this
 /// interpolant times sin θ at the middle of each row: first a cell between four texel centres by its integral, then the
@@ -56,15 +52,10 @@ impl EnvironmentSampler {
         self.mean_luminance
     }
 
-    /// The environment in regions, for this density, with nothing learned.
-    pub fn in_regions(&self, density: Density) -> LearnedEnvironment {
-        LearnedEnvironment::new(Regions::new(self.table(density), self.width), density)
-    }
-
     /// Radiance (linear RGB) from unit directions `wi` in world space, and the density per solid angle of [`sample`](Self::sample)
-    /// with `density`, and with what was `learned` for it.
+    /// with `density`.
     #[inline]
-    pub fn radiance_pdf(&self, wi: V3, density: Density, learned: Option<RegionProbabilities>) -> (V3, F) {
+    pub fn radiance_pdf(&self, wi: V3, density: Density) -> (V3, F) {
         let (s, c) = (F::splat(self.rotation.0), F::splat(self.rotation.1));
         // The inverse rotation.
         let (x, z) = (c * wi.x - s * wi.z, s * wi.x + c * wi.z);
@@ -80,14 +71,7 @@ impl EnvironmentSampler {
         let (row, column_at) = (row.as_array().map(|r| r as usize), wrapped.as_array().map(|c| c as usize));
         // Rounding may lead past the last cell.
         let at = eight(|lane| [row[lane].min(self.height), column_at[lane].min(self.width - 1)]);
-        let probability = eight(|lane| match &learned {
-            None => table.cell_probability(at[lane]),
-            Some(learned) => {
-                let (region, within) = learned.regions.cell(table, at[lane]);
-                within * learned.probability(lane, region)
-            }
-        });
-        let cells = self.cells(at, probability);
+        let cells = self.cells(table, at);
         let fu = column - floor;
         let fv = ((v - cells.top) / cells.height).fast_max(F::ZERO).fast_min(F::ONE);
         let radiance = cells.radiance(fu, fv);
@@ -114,32 +98,20 @@ impl EnvironmentSampler {
         }
     }
 
-    /// Samples directions by the last two of three random numbers in [0, 1). The point in `context` has an effect only where the
-    /// proposal has learned from which part of the environment light arrives.
+    /// Samples directions by the last two of three random numbers in [0, 1).
     #[inline]
-    pub fn sample(&self, context: &LightSampleContext, proposal: &LightProposal, [_, u, v]: [F; 3]) -> LightSamples {
+    pub fn sample(&self, proposal: &LightProposal, [_, u, v]: [F; 3]) -> LightSamples {
         let table = self.table(proposal.density);
-        let learned = proposal.learned_environment.map(|learned| learned.at(context.p, context.n));
-        let (regions, probability, [u, v]) = match &learned {
-            None => ([0; LANES], F::ONE, [u, v]),
-            Some(learned) => learned.sample([u, v]),
-        };
-        let (u, v, probability) = (u.as_array(), v.as_array(), probability.as_array());
-        let sampled = eight(|lane| match &learned {
-            None => table.sample([u[lane], v[lane]]),
-            Some(learned) => {
-                let cell = learned.regions.sample(table, regions[lane] as usize, [u[lane], v[lane]]);
-                SampledCell { probability: probability[lane] * cell.probability, ..cell }
-            }
-        });
-        let cells = self.cells(sampled.map(|cell| cell.at), sampled.map(|cell| cell.probability));
-        let [rest_u, rest_v] = [0, 1].map(|k| sampled.map(|cell| cell.rest[k]));
+        let (u, v) = (u.as_array(), v.as_array());
+        let sampled = eight(|lane| table.sample([u[lane], v[lane]]));
+        let cells = self.cells(table, sampled.map(|(at, _)| at));
+        let [rest_u, rest_v] = [0, 1].map(|k| sampled.map(|(_, rest)| rest[k]));
         let [a, b, c, d] = cells.weights(table.level);
         // The bilinear function's marginal in v is linear, then the slice in u is linear.
         let fv = warp::linear(F::from(rest_v), a + b, c + d);
         let (left, right) = ((c - a).mul_add(fv, a), (d - b).mul_add(fv, b));
         let fu = warp::linear(F::from(rest_u), left, right);
-        let map_u = (F::from(sampled.map(|cell| cell.at[1] as f32 + 0.5)) + fu) / F::splat(self.width as f32);
+        let map_u = (F::from(sampled.map(|(at, _)| at[1] as f32 + 0.5)) + fu) / F::splat(self.width as f32);
         let map_v = cells.height.mul_add(fv, cells.top);
         let (sin_theta, cos_theta) = warp::sin_cos_turns(map_v * F::HALF);
         let past = map_u.simd_gt(F::ONE);
@@ -151,7 +123,7 @@ impl EnvironmentSampler {
         let radiance = cells.radiance(fu, fv);
         let pdf = self.pdf(&cells, cells.weight(table.level, radiance, fu, fv), sin_theta, table.level);
         let distance = F::splat(f32::INFINITY);
-        LightSamples { wi, distance, end: distance, radiance, pdf, emitter: regions }
+        LightSamples { wi, distance, end: distance, radiance, pdf, emitter: [0; LANES] }
     }
 
     /// Density per solid angle: probability of the cell × bilinear density within it / solid angle per unit of the square.
@@ -163,9 +135,9 @@ impl EnvironmentSampler {
         pdf & pdf.is_finite()
     }
 
-    /// The cells at rows and columns, with these probabilities.
+    /// The cells at rows and columns, with their probabilities in a table.
     #[inline(always)]
-    fn cells(&self, at: [[usize; 2]; LANES], probability: [f32; LANES]) -> Cells {
+    fn cells(&self, table: &Table, at: [[usize; 2]; LANES]) -> Cells {
         let mut corners = [[[0.0; LANES]; 3]; 4];
         let (mut top, mut height) = ([0.0; LANES], [0.0; LANES]);
         for i in 0..LANES {
@@ -182,7 +154,7 @@ impl EnvironmentSampler {
         }
         Cells {
             corners: corners.map(V3::from_arrays),
-            probability: F::from(probability),
+            probability: F::from(at.map(|at| table.cell_probability(at))),
             top: F::from(top),
             height: F::from(height),
         }

@@ -7,14 +7,14 @@ use super::learned::LearnedLights;
 use super::tree::LightTree;
 use crate::sampling::cells::CellTree;
 
-/// A light sample that a pre-pass took, toward an area light or the environment.
+/// A light sample that a pre-pass took toward an area light.
 #[derive(Debug, Clone, Copy)]
 pub struct LightSampleRecord {
     /// The point that [`LightTree::sample`] was given.
     pub position: Vec3,
     /// The normal that [`LightTree::sample`] was given.
     pub normal: Vec3,
-    /// The area light that was chosen, or the region of the environment.
+    /// The area light that was chosen.
     pub emitter: u32,
     /// Index of the pixel in the pre-pass.
     pub pixel: u32,
@@ -36,17 +36,17 @@ const MAX_CELLS: usize = 2048;
 /// Number of records by which a cell's parent is weighted in the cell.
 const PRIOR_RECORDS: f32 = 16.0;
 /// Minimum weight of a node, relative to the mean of the cell.
-pub(super) const MIN_WEIGHT: f32 = 0.02;
+const MIN_WEIGHT: f32 = 0.02;
 /// Records with a larger squared contribution are ignored.
 const MAX_SQUARE: f32 = 1e30;
 
-/// Statistics of a cluster of lights, or of a region of the environment.
+/// Statistics of a cluster of lights.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct ClusterStats {
+struct ClusterStats {
     /// Number of records that chose the cluster, or their fraction.
-    pub n: f32,
+    n: f32,
     /// Sum of their squared contributions, or the mean.
-    pub square: f32,
+    square: f32,
 }
 
 impl ClusterStats {
@@ -68,9 +68,8 @@ impl LearnedLights {
         if nodes < 3 || !records.iter().any(|record| record.contribution > 0.0) {
             return None;
         }
-        let clusters = Clusters { len: nodes, of: |emitter| tree.above(emitter, nodes) };
         let mut weights = Vec::new();
-        let cells = posteriors(&clusters, &records, scale, |cells, leaf, stats| {
+        let cells = posteriors((tree, nodes), &records, scale, |cells, leaf, stats| {
             weights.resize(cells.leaves() * (nodes + 1), 1.0);
             set_weights(tree, stats, &mut weights[leaf * (nodes + 1)..][..nodes]);
         });
@@ -79,31 +78,17 @@ impl LearnedLights {
 
     /// Largest memory in bytes while it learns from so many records, these included, which of so many lights to choose.
     pub fn bytes_to_learn(records: u64, lights: u64) -> u64 {
-        bytes_to_learn(records, (2 * lights).min(MAX_NODES as u64), size_of::<f32>() as u64)
+        let cells = (2 * records).div_ceil(RECORDS_PER_CELL as u64).clamp(1, MAX_CELLS as u64);
+        let per_node = 3 * size_of::<ClusterStats>() as u64 + size_of::<f32>() as u64;
+        let per_record = size_of::<LightSampleRecord>() + size_of::<&LightSampleRecord>();
+        records * per_record as u64 + cells * (2 * lights).min(MAX_NODES as u64) * per_node
     }
 }
 
-/// Largest memory in bytes while so many clusters are learned from so many records, these included; what is learned takes
-/// `own` bytes per cell and cluster.
-pub(super) fn bytes_to_learn(records: u64, clusters: u64, own: u64) -> u64 {
-    let cells = (2 * records).div_ceil(RECORDS_PER_CELL as u64).clamp(1, MAX_CELLS as u64);
-    let per_cluster = 3 * size_of::<ClusterStats>() as u64 + own;
-    let per_record = size_of::<LightSampleRecord>() + size_of::<&LightSampleRecord>();
-    records * per_record as u64 + cells * clusters * per_cluster
-}
-
-/// What light samples choose among.
-pub(super) struct Clusters<F> {
-    /// Number of clusters.
-    pub len: usize,
-    /// The cluster of an emitter.
-    pub of: F,
-}
-
-/// Builds cells from records, and gives the statistics of the clusters in each cell to `leaf`, blended with those of the cells
-/// around.
-pub(super) fn posteriors(
-    clusters: &Clusters<impl Fn(u32) -> Option<usize> + Sync>,
+/// Builds cells from records, and gives the statistics of the tree's first `nodes` in each cell to `leaf`, blended with those of
+/// the cells around.
+fn posteriors(
+    (tree, nodes): (&LightTree, usize),
     records: &[&LightSampleRecord],
     scale: f32,
     mut leaf: impl FnMut(&CellTree, usize, &[ClusterStats]),
@@ -111,14 +96,13 @@ pub(super) fn posteriors(
     let step = records.len().div_ceil(MAX_CELL_RECORDS);
     let keys = records.iter().step_by(step).map(|r| CellTree::key(r.position, r.normal, scale)).collect();
     let cells = CellTree::new(keys, scale, RECORDS_PER_CELL.div_ceil(step), MAX_CELLS);
-    let stats = sums(clusters, &cells, records);
-    // From the root of the cells down. The prior of the root is the same mean for all clusters.
-    let len = clusters.len;
-    let all = stats[..len].iter().copied().fold(ClusterStats::default(), ClusterStats::plus);
-    let mean = ClusterStats { n: 1.0 / len as f32, square: all.square / all.n };
-    let mut open = vec![(0, vec![mean; len])];
+    let stats = sums((tree, nodes), &cells, records);
+    // From the root of the cells down. The prior of the root is the same mean for all nodes.
+    let all = stats[..nodes].iter().copied().fold(ClusterStats::default(), ClusterStats::plus);
+    let mean = ClusterStats { n: 1.0 / nodes as f32, square: all.square / all.n };
+    let mut open = vec![(0, vec![mean; nodes])];
     while let Some((cell, parent)) = open.pop() {
-        let own = &stats[cell * len..][..len];
+        let own = &stats[cell * nodes..][..nodes];
         let n: f32 = own.iter().map(|stats| stats.n).sum();
         let posterior = |(own, parent): (&ClusterStats, &ClusterStats)| ClusterStats {
             n: (own.n + PRIOR_RECORDS * parent.n) / (n + PRIOR_RECORDS),
@@ -133,16 +117,11 @@ pub(super) fn posteriors(
     cells
 }
 
-/// Sums over the records of each cluster, for every cell and its parents.
-fn sums(
-    clusters: &Clusters<impl Fn(u32) -> Option<usize> + Sync>,
-    cells: &CellTree,
-    records: &[&LightSampleRecord],
-) -> Vec<ClusterStats> {
-    let nodes = clusters.len;
+/// Sums over the records of each known node without known children, for every cell and its parents.
+fn sums((tree, nodes): (&LightTree, usize), cells: &CellTree, records: &[&LightSampleRecord]) -> Vec<ClusterStats> {
     let entry = |record: &&LightSampleRecord| {
         let cell = cells.leaf(record.position, record.normal) as usize;
-        Some((cell * nodes + (clusters.of)(record.emitter)?, record.contribution * record.contribution))
+        Some((cell * nodes + tree.above(record.emitter, nodes)?, record.contribution * record.contribution))
     };
     let mut of_leaf = vec![ClusterStats::default(); cells.leaves() * nodes];
     for records in records.chunks(RECORDS_AT_ONCE) {

@@ -20,10 +20,10 @@ use std::sync::Arc;
 
 use glam::Vec3;
 
-use crate::lanes::{F, LANES, V3, eight};
+use crate::lanes::{F, LANES, V3};
 use crate::scene::Scene;
 pub use area::AreaLights;
-pub use environment::{Density, EnvironmentSampler, LearnedEnvironment};
+pub use environment::{Density, EnvironmentSampler};
 pub use learn::LightSampleRecord;
 pub use learned::LearnedLights;
 pub use punctual::PunctualSample;
@@ -104,12 +104,12 @@ impl Lights {
     ) -> LightSamples {
         let mask = toward_environment.to_bitmask();
         match (&self.environment, &self.area) {
-            (Some(environment), None) => environment.sample(context, proposal, numbers),
-            (Some(environment), Some(_)) if mask == ALL_LANES => environment.sample(context, proposal, numbers),
+            (Some(environment), None) => environment.sample(proposal, numbers),
+            (Some(environment), Some(_)) if mask == ALL_LANES => environment.sample(proposal, numbers),
             (None, Some(area)) => area.sample(context, proposal, numbers),
             (Some(_), Some(area)) if mask == 0 => area.sample(context, proposal, numbers),
             (Some(environment), Some(area)) => {
-                let a = environment.sample(context, proposal, numbers);
+                let a = environment.sample(proposal, numbers);
                 let b = area.sample(context, proposal, numbers);
                 LightSamples {
                     wi: V3::select(toward_environment, a.wi, b.wi),
@@ -117,7 +117,7 @@ impl Lights {
                     end: toward_environment.select(a.end, b.end),
                     radiance: V3::select(toward_environment, a.radiance, b.radiance),
                     pdf: toward_environment.select(a.pdf, b.pdf),
-                    emitter: eight(|lane| if mask >> lane & 1 == 1 { a.emitter[lane] } else { b.emitter[lane] }),
+                    emitter: b.emitter,
                 }
             }
             (None, None) => {
@@ -128,14 +128,11 @@ impl Lights {
     }
 
     /// Radiance (linear RGB) of the environment from `wi`, and the density per solid angle with which [`sample`](Self::sample)
-    /// samples these directions by `proposal` at `from` (points, normals).
+    /// samples these directions by `proposal`.
     #[inline]
-    pub fn environment(&self, wi: V3, from: (V3, V3), proposal: &LightProposal) -> (V3, F) {
+    pub fn environment(&self, wi: V3, proposal: &LightProposal) -> (V3, F) {
         match &self.environment {
-            Some(environment) => {
-                let learned = proposal.learned_environment.map(|learned| learned.at(from.0, from.1));
-                environment.radiance_pdf(wi, proposal.density, learned)
-            }
+            Some(environment) => environment.radiance_pdf(wi, proposal.density),
             None => (V3::splat(Vec3::ZERO), F::ZERO),
         }
     }

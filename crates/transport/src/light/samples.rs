@@ -1,6 +1,6 @@
 //! Samples of lights.
 
-use super::environment::{Density, LearnedEnvironment};
+use super::environment::Density;
 use super::learned::LearnedLights;
 use crate::lanes::{F, LANES, V3};
 use crate::sampling::warp::ONE_MINUS_EPSILON;
@@ -38,7 +38,7 @@ pub struct LightSamples {
     /// the sample is on a side that does not emit, or where no punctual light reaches the point: such a sample counts with
     /// value zero.
     pub pdf: F,
-    /// Indices of the area lights or punctual lights, or the environment's regions where the proposal has any.
+    /// Indices of the area lights or punctual lights; without meaning for the environment.
     pub emitter: [u32; LANES],
 }
 
@@ -56,8 +56,6 @@ pub struct LightProposal<'a> {
     pub density: Density,
     /// Learned selection of area lights; `None` for the light tree alone.
     pub learned: Option<&'a LearnedLights>,
-    /// Learned regions of the environment, made for `density`; `None` for the density alone.
-    pub learned_environment: Option<&'a LearnedEnvironment>,
 }
 
 impl LightProposal<'_> {

@@ -85,13 +85,6 @@ impl RayBatch {
         glam::Vec3::new(self.origin[0][i], self.origin[1][i], self.origin[2][i])
     }
 
-    /// The origins of eight rays.
-    #[inline(always)]
-    pub fn origins(&self, rows: &Rows) -> V3 {
-        let [x, y, z] = &self.origin;
-        V3 { x: load(x, rows), y: load(y, rows), z: load(z, rows) }
-    }
-
     /// The directions of eight rays.
     #[inline(always)]
     pub fn directions(&self, rows: &Rows) -> V3 {

@@ -59,33 +59,6 @@ impl Discrete {
         (i as u32, fresh.clamp(0.0, super::warp::ONE_MINUS_EPSILON))
     }
 
-    /// The outcome among `from..to` for `u` in [0, 1), and the position of `u` within the outcome's interval: a new uniform number
-    /// in [0, 1). Their [`probability`](Self::probability) is not 0.
-    #[inline]
-    pub fn sample_among(&self, (from, to): (u32, u32), u: f32) -> (u32, f32) {
-        let (low, high) = (self.cdf[from as usize], self.cdf[to as usize]);
-        let at = |i: usize| (self.cdf[i] - low) / (high - low);
-        let near = low + u * (high - low);
-        let mut i = self.guide[((near * self.guide.len() as f32) as usize).min(self.guide.len() - 1)] as usize;
-        // Rounding may have led to a neighbour.
-        i = i.clamp(from as usize, to as usize - 1);
-        while i > from as usize && at(i) > u {
-            i -= 1;
-        }
-        while i + 1 < to as usize && at(i + 1) <= u {
-            i += 1;
-        }
-        let (start, end) = (at(i), at(i + 1));
-        let fresh = if end > start { (u - start) / (end - start) } else { 0.0 };
-        (i as u32, fresh.clamp(0.0, super::warp::ONE_MINUS_EPSILON))
-    }
-
-    /// Probability of the outcomes `from..to`.
-    #[inline]
-    pub fn probability(&self, (from, to): (u32, u32)) -> f32 {
-        self.cdf[to as usize] - self.cdf[from as usize]
-    }
-
     /// Probability of outcome `i`.
     #[inline]
     pub fn pmf(&self, i: u32) -> f32 {
@@ -118,25 +91,6 @@ mod tests {
                 let p = f64::from(count[i]) / GRID;
                 assert_eq!(p as f32, table.pmf(i as u32));
                 assert!((p - f64::from(w / total)).abs() <= 1.0 / GRID, "{i}: {p}");
-            }
-        }
-    }
-
-    #[test]
-    fn among_some_outcomes_each_has_its_share() {
-        let table = Discrete::new([5.0f32, 1e-6, 0.25, 7.5, 2.0, 0.0, 1.0].into_iter()).unwrap();
-        for (from, to) in [(0, 7), (1, 3), (2, 5), (4, 7), (6, 7)] {
-            let n = 1 << 20;
-            let mut count = [0u32; 7];
-            for k in 0..n {
-                let (i, fresh) = table.sample_among((from, to), k as f32 / n as f32);
-                assert!((from..to).contains(&i) && (0.0..1.0).contains(&fresh));
-                count[i as usize] += 1;
-            }
-            for i in from..to {
-                let share = table.pmf(i) / table.probability((from, to));
-                // An interval of numbers that are equally far apart has one more or less, and rounding another.
-                assert!((count[i as usize] as f32 - share * n as f32).abs() <= 2.0, "{from}..{to}, {i}");
             }
         }
     }

@@ -1,4 +1,4 @@
-//! Light samples of one kind of light, from which their selection is learned.
+//! Light samples of area lights, from which light selection is learned.
 
 use crate::color::luminance;
 use crate::integrator::events::{LightSampleGroup, PathEvents, UnoccludedLight, WaveContext};
@@ -8,23 +8,16 @@ use crate::integrator::vertices::Vertices;
 use crate::lanes::{U, eight, grow, mask, store_bits};
 use crate::light::LightSampleRecord;
 
-/// Records the light samples of area lights, or those of the environment.
-#[derive(Debug)]
+/// Records the light samples of area lights.
+#[derive(Debug, Default)]
 pub struct LightSampleRecorder {
-    /// The kind of light: [`AREA_GROUP`] or [`ENVIRONMENT_GROUP`](crate::integrator::queues::ENVIRONMENT_GROUP).
-    kind: u32,
     /// [`LightSampleRecord::pixel`] is an index into the wave's tasks.
     records: Vec<LightSampleRecord>,
-    /// By row of shadow rays toward this kind: index of the record.
+    /// By row of shadow rays toward area lights: index of the record.
     record_of: Vec<u32>,
 }
 
 impl LightSampleRecorder {
-    /// A recorder of the light samples of a kind of light: area lights or the environment.
-    pub fn new(kind: u32) -> Self {
-        Self { kind, records: Vec::new(), record_of: Vec::new() }
-    }
-
     /// Takes the records of a wave, each divided by the square root of its pixel's divisor.
     pub fn take(&mut self, divisors: &[f32]) -> Vec<LightSampleRecord> {
         let mut records = std::mem::take(&mut self.records);
@@ -45,8 +38,7 @@ impl PathEvents for LightSampleRecorder {
         group: &RequestGroup,
         samples: &LightSampleGroup,
     ) {
-        let of_kind = if self.kind == AREA_GROUP { !samples.is_environment } else { samples.is_environment };
-        let recorded = (mask(group.len) & of_kind).to_bitmask();
+        let recorded = (mask(group.len) & !samples.is_environment).to_bitmask();
         let (position, normal) = samples.from;
         let path = group.path_ids.path.to_array();
         let record_of = eight(|lane| {
@@ -67,7 +59,7 @@ impl PathEvents for LightSampleRecorder {
     }
 
     fn unoccluded(&mut self, _at: &WaveContext, shadows: &ShadowRays, found: &UnoccludedLight) {
-        if shadows.light_group[found.row] == self.kind {
+        if shadows.light_group[found.row] == AREA_GROUP {
             self.records[self.record_of[found.row] as usize].contribution = luminance(found.radiance);
         }
     }

@@ -85,9 +85,7 @@ fn environment(
     }
     for first in (0..escaped.len()).step_by(LANES) {
         let (rows, n) = eight_of(escaped, first);
-        let from = (rays.rays.origins(&rows), rays.normal.load(&rows));
-        let (radiance, pdf) =
-            transport.lights.environment(rays.rays.directions(&rows), from, &transport.proposal.lights);
+        let (radiance, pdf) = transport.lights.environment(rays.rays.directions(&rows), &transport.proposal.lights);
         for lane in 0..n {
             if is_excluded(rays, escaped[first + lane] as usize) {
                 continue;

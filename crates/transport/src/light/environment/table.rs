@@ -27,17 +27,6 @@ pub(super) struct Table {
     pub(super) level: f32,
 }
 
-/// A cell of the map that was sampled.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct SampledCell {
-    /// Row and column.
-    pub at: [usize; 2],
-    /// Probability within its region.
-    pub probability: f32,
-    /// New numbers in [0, 1) for the position along the column's and the row's width.
-    pub rest: [f32; 2],
-}
-
 impl Table {
     /// A table of the luminances, `width` per row, minus `level`, and the mean of these differences over the sphere. `None` if no
     /// difference is positive.
@@ -70,42 +59,19 @@ impl Table {
         Some((Self { rows, columns, level }, mean as f32))
     }
 
-    /// Number of rows of cells.
-    pub(super) fn rows_of_cells(&self) -> usize {
-        self.columns.len()
-    }
-
-    /// Probability of columns within a row of cells.
+    /// Samples a cell by two numbers in [0, 1), for columns and rows: its row and column, and new numbers in [0, 1) for the
+    /// position along the cell's width and height.
     #[inline(always)]
-    pub(super) fn share(&self, row: usize, columns: (u32, u32)) -> f32 {
-        self.columns[row].as_ref().map_or(0.0, |row| row.probability(columns))
-    }
-
-    /// Probability of columns of a row of cells.
-    #[inline(always)]
-    pub(super) fn probability(&self, row: usize, columns: (u32, u32)) -> f32 {
-        self.rows.pmf(row as u32) * self.share(row, columns)
-    }
-
-    /// Samples a cell by two numbers in [0, 1), for columns and rows.
-    #[inline(always)]
-    pub(super) fn sample(&self, [u, v]: [f32; 2]) -> SampledCell {
+    pub(super) fn sample(&self, [u, v]: [f32; 2]) -> ([usize; 2], [f32; 2]) {
         let (row, rest_v) = self.rows.sample(v);
         let (column, rest_u) = self.columns[row as usize].as_ref().map_or((0, 0.0), |row| row.sample(u));
-        let at = [row as usize, column as usize];
-        SampledCell { at, probability: self.cell_probability(at), rest: [rest_u, rest_v] }
+        ([row as usize, column as usize], [rest_u, rest_v])
     }
 
     /// Probability of a cell.
     #[inline(always)]
     pub(super) fn cell_probability(&self, [row, column]: [usize; 2]) -> f32 {
-        self.probability(row, (column as u32, column as u32 + 1))
-    }
-
-    /// Samples one of these columns of a row: the column, and a new uniform number.
-    #[inline(always)]
-    pub(super) fn sample_column(&self, row: usize, columns: (u32, u32), u: f32) -> (u32, f32) {
-        self.columns[row].as_ref().map_or((columns.0, u), |row| row.sample_among(columns, u))
+        self.rows.pmf(row as u32) * self.columns[row].as_ref().map_or(0.0, |row| row.pmf(column as u32))
     }
 }
 
