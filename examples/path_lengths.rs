@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use bismar::balance::Counts;
-use bismar::integrator::queues::PathRays;
+use bismar::integrator::data::queues::PathRays;
 use bismar::integrator::{PathEvents, PixelTask, PreparedScene, Wave, WaveContext};
 use bismar::rays::{Backend, HitBatch};
 use bismar::render::{RenderSettings, transport};

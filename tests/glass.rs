@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use bismar::bsdf::{Bsdf, Lobe, Parameters, Surface};
-use bismar::integrator::dispersion;
+use bismar::integrator::surface::dispersion;
 use bismar::lanes::{LANES, V3};
 use bismar::rays::Backend;
 use bismar::render::{Balance, GlassShadows, Integrator, RenderSettings};

@@ -4,7 +4,7 @@
 use std::f32::consts::FRAC_PI_2;
 
 use bismar::scene::import::{ImportOptions, NoteKind, Pose, SceneFiles, Shutter};
-use bismar::scene::{Framing, Scene};
+use bismar::scene::{Framing, Primitive, Scene};
 use glam::Vec3;
 
 use crate::helpers::gltf_parts::{Parts, TRIANGLE, floats, scene_file};
@@ -295,7 +295,7 @@ fn a_normal_map_turns_with_its_coordinates() {
         scene.images.push(Image { name: "map".into(), width: 1, height: 1, texels }.into());
         let (wrap_s, wrap_t, filter) = (Wrap::Repeat, Wrap::Repeat, Filter::Nearest);
         scene.textures.push(Texture { image: 0, wrap_s, wrap_t, filter });
-        Geometry::new(&scene).point(&scene, (0, 0, 0), (0.3, 0.3), 0.0).ns.normalize()
+        Geometry::new(&scene).point(&scene, Primitive { instance: 0, mesh: 0, prim: 0 }, (0.3, 0.3), 0.0).ns.normalize()
     };
     let of = |transform, given| wide(1.0, transform, given);
     let [x, y, z] = tilted.map(|byte| f32::from(byte) / 127.5 - 1.0);

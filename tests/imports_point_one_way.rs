@@ -74,6 +74,11 @@ fn files(source: &str) -> Vec<(String, String)> {
     rust.map(|path| (name(path), without_comments(&fs::read_to_string(path).unwrap()))).collect()
 }
 
+/// Their texts.
+fn files_of(source: &str) -> impl Iterator<Item = String> {
+    files(source).into_iter().map(|(_, text)| text)
+}
+
 /// Those of all rooms.
 fn sources() -> Vec<(String, String)> {
     let all: Vec<_> = SOURCES.into_iter().flat_map(files).collect();
@@ -287,23 +292,31 @@ fn a_circle_is_found_through_re_exports_and_in_bodies() {
     assert_eq!(found.unwrap(), "a.rs -> a/b.rs {\"B\"} -> a.rs {\"A\"}");
 }
 
+/// Folders within a room, in order: each imports only what stands before it.
+const LAYERS: [(&str, &[&str]); 2] = [
+    ("scene/import", &["source", "document", "build"]),
+    ("integrator", &["surface", "data", "events", "stages", "through", "clients", "guides", "wave", "scalar"]),
+];
+
 #[test]
-fn the_importer_goes_from_source_to_document_to_build() {
-    // Names that each of its rooms must not use.
-    let later = [("source", ["document", "build"]), ("document", ["build", "summary"])];
+fn layers_within_a_room_import_only_what_comes_before_them() {
     let mut seen = 0;
     for (file, text) in sources() {
-        for (room, rooms) in later {
-            if file.starts_with(&format!("scene/import/{room}/")) {
-                seen += 1;
-                for name in rooms {
-                    let named = ["import", "super", "super::super"].map(|from| format!("{from}::{name}"));
-                    assert!(!named.iter().any(|path| text.contains(path)), "{file}: `{room}` must not see `{name}`");
+        for (room, layers) in LAYERS {
+            let Some(rest) = file.strip_prefix(room) else { continue };
+            let layer = rest.trim_start_matches('/').split(['/', '.']).next().unwrap();
+            let Some(number) = layers.iter().position(|other| *other == layer) else { continue };
+            seen += 1;
+            let parent = room.rsplit('/').next().unwrap();
+            for later in &layers[number + 1..] {
+                for from in [parent, "super", "super::super"] {
+                    let named = format!("{from}::{later}::");
+                    assert!(!text.contains(&named), "{file}: `{layer}` must not see `{later}`");
                 }
             }
         }
     }
-    assert!(seen > 10, "{seen} files in the importer's rooms");
+    assert!(seen > 60, "{seen} files in layers");
 }
 
 #[test]
@@ -320,7 +333,7 @@ fn what_only_some_rooms_may_do_is_done_there() {
 }
 
 #[test]
-fn the_architecture_names_files_that_exist() {
+fn the_architecture_names_files_types_and_functions_that_exist() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut paths = Vec::new();
     ["src", "crates", "study", "tests", "scripts", "lab", "examples"]
@@ -332,11 +345,21 @@ fn the_architecture_names_files_that_exist() {
         Some((before, (list, after))) => list.split(',').map(|word| format!("{before}{word}{after}")).collect(),
         None => vec![name.to_owned()],
     };
-    let quoted = text.lines().flat_map(|line| line.split('`').skip(1).step_by(2).collect::<Vec<_>>());
-    let files = quoted.flat_map(variants).filter(|name| name.ends_with(".rs") || name.ends_with(".py"));
+    let quoted: Vec<_> = text.lines().flat_map(|line| line.split('`').skip(1).step_by(2)).collect();
+    let files =
+        quoted.iter().flat_map(|name| variants(name)).filter(|name| name.ends_with(".rs") || name.ends_with(".py"));
     let files: Vec<_> = files.filter(|name| !name.contains("NAME")).collect();
     let missing: Vec<_> = files.iter().filter(|name| !paths.iter().any(|path| path.ends_with(name))).collect();
     assert!(files.len() > 40 && missing.is_empty(), "{} files, missing {missing:?}", files.len());
+
+    let code: String = SOURCES.into_iter().chain(["study/src", "python/src"]).flat_map(files_of).collect();
+    let words: BTreeSet<_> = code.split(|c: char| !(c.is_alphanumeric() || c == '_')).collect();
+    let is_name = |name: &&&str| {
+        name.starts_with(char::is_uppercase) && name.chars().all(|c| c.is_alphanumeric() || "_:".contains(c))
+    };
+    let names: Vec<_> = quoted.iter().filter(is_name).flat_map(|name| name.split("::")).collect();
+    let missing: Vec<_> = names.iter().filter(|name| **name != "NAME" && !words.contains(*name)).collect();
+    assert!(names.len() > 40 && missing.is_empty(), "{} names, missing {missing:?}", names.len());
 }
 
 #[test]

@@ -5,7 +5,7 @@ use bismar::light::{
     AreaLights, Density, EnvironmentSampler, LearnedLights, LightProposal, LightSampleContext, LightSampleRecord,
     LightSamples,
 };
-use bismar::scene::{Environment, Instance, Material, Mesh, Object, Positions, Scene};
+use bismar::scene::{Environment, Instance, Material, Mesh, Object, Positions, Primitive, Scene};
 use glam::{Affine3A, Vec3};
 
 use crate::helpers::random::Random;
@@ -253,7 +253,16 @@ fn lamp_samples_follow_the_pdf() {
             || sample_lamps(&lights, &scene, n, learned, [random.f32(), random.f32(), random.f32()]).map(|s| s.wi),
             // Light samples do not know what is in front of what.
             |d| {
-                let pdf = |&(i, t)| f64::from(lights.pdf((&scene, 0.0), (Vec3::ZERO, n), (i, i, 0), d, t, learned));
+                let pdf = |&(i, t)| {
+                    f64::from(lights.pdf(
+                        (&scene, 0.0),
+                        (Vec3::ZERO, n),
+                        Primitive { instance: i, mesh: i, prim: 0 },
+                        d,
+                        t,
+                        learned,
+                    ))
+                };
                 look(&scene, d).iter().map(pdf).sum()
             },
         );
@@ -298,7 +307,14 @@ fn two_triangles_of_a_parallelogram_are_one_lamp_that_follows_the_pdf() {
             || sample_lamps(&lights, &scene, n, None, [random.f32(), random.f32(), random.f32()]).map(|s| s.wi),
             |d| {
                 prim_at(d).map_or(0.0, |(prim, t)| {
-                    f64::from(lights.pdf((&scene, 0.0), (Vec3::ZERO, n), (0, 0, prim), d, t, None))
+                    f64::from(lights.pdf(
+                        (&scene, 0.0),
+                        (Vec3::ZERO, n),
+                        Primitive { instance: 0, mesh: 0, prim },
+                        d,
+                        t,
+                        None,
+                    ))
                 })
             },
         );
@@ -325,7 +341,8 @@ fn lamps_shine_from_the_side_that_the_winding_calls_the_front_also_when_mirrored
             // A mirroring instance turns the winding round, and with it the front.
             let turned = if i == 2 { -1.0 } else { 1.0 };
             let n = (t_world(1) - t_world(0)).cross(t_world(2) - t_world(0)) * turned;
-            let pdf = lights.pdf((&scene, 0.0), (Vec3::ZERO, d), (i, i, 0), d, t, None);
+            let pdf =
+                lights.pdf((&scene, 0.0), (Vec3::ZERO, d), Primitive { instance: i, mesh: i, prim: 0 }, d, t, None);
             assert_eq!(pdf > 0.0, n.dot(d) < 0.0, "lamp {i}");
         }
     }

@@ -228,8 +228,8 @@ fn what_embree_hits_is_where_shading_puts_it() {
     let moving = scene.instances.len() as u32 - 1;
     let mut met = 0;
     for i in (0..batch.len()).filter(|&i| hits.mesh[i] != MISS) {
-        let hit = (hits.instance[i], hits.mesh[i], hits.prim[i]);
-        met += u32::from(hit.0 == moving);
+        let hit = hits.primitive(i);
+        met += u32::from(hit.instance == moving);
         let point = prepared.geometry.point(&scene, hit, (hits.u[i], hits.v[i]), batch.time[i]);
         // Beyond it by less than rays keep off their surface, but for what the hit's own distance is wrong by.
         let along = batch.origin(i) + batch.direction(i) * hits.t[i];

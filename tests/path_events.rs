@@ -3,10 +3,10 @@
 use bismar::balance::Counts;
 use bismar::film::{ExtraSums, PixelStats};
 use bismar::integrator::clients::{AovColumns, Aovs};
+use bismar::integrator::data::queues::{PathRays, ShadowRays};
+use bismar::integrator::data::requests::RequestGroup;
+use bismar::integrator::data::vertices::Vertices;
 use bismar::integrator::events::{FoundEmission, LightSampleGroup, ScatteredGroup, UnoccludedLight};
-use bismar::integrator::queues::{PUNCTUAL_GROUP, PathRays, ShadowRays};
-use bismar::integrator::stages::requests::RequestGroup;
-use bismar::integrator::vertices::Vertices;
 use bismar::integrator::{PathEvents, PixelSums, PixelTask, Wave, WaveContext};
 use bismar::rays::{Backend, HitBatch, MISS};
 use bismar::render::{RenderSettings, transport};
@@ -74,7 +74,7 @@ impl PathEvents for Ledger {
     fn unoccluded(&mut self, _at: &WaveContext, shadows: &ShadowRays, found: &UnoccludedLight) {
         let path = shadows.path[found.row];
         assert_eq!(self.path_of[shadows.ray[found.row] as usize], path);
-        assert!(shadows.light_group[found.row] <= PUNCTUAL_GROUP && found.scale > 0.0 && found.scale <= 1.0);
+        assert!(found.scale > 0.0 && found.scale <= 1.0);
         self.radiance[path as usize] += found.radiance;
     }
 

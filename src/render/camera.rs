@@ -2,7 +2,7 @@
 
 use super::RenderSettings;
 use super::lens::{Aperture, Focus};
-use crate::integrator::camera::Lens;
+use crate::integrator::data::camera::Lens;
 use crate::integrator::{CameraRays, PreparedScene};
 use crate::lanes::{F, U};
 use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};

@@ -41,7 +41,7 @@ impl Integrator {
 }
 
 /// What rays from the camera and their mirror images do at back faces of single-sided materials without transmission
-/// ([`back_faces`](crate::integrator::back_faces)).
+/// ([`back_faces`](crate::integrator::through::back_faces)).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum BackFaces {
@@ -74,7 +74,7 @@ impl BackFaces {
     }
 }
 
-/// What shadow rays do at bodies of smooth glass ([`glass_shadows`](crate::integrator::glass_shadows)).
+/// What shadow rays do at bodies of smooth glass ([`glass_shadows`](crate::integrator::through::glass_shadows)).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum GlassShadows {
@@ -141,7 +141,7 @@ pub struct RenderSettings {
     /// The light transport.
     pub integrator: Integrator,
     /// Maximum segments of a path, ≥ 1: 1 is emission alone, 2 adds direct light. Mirror-like bounces at smooth glass are not
-    /// counted ([`glass_bounces`](crate::integrator::glass_bounces)).
+    /// counted ([`glass_bounces`](crate::integrator::through::glass_bounces)).
     pub max_depth: u32,
     /// Stop at this number of paths per pixel, ≥ 1.
     pub spp: Option<u32>,

@@ -108,7 +108,7 @@ pub struct AllocationEfficiency {
     /// Minimum and maximum paths of a tile, over the mean; both 1 where the allocation is uniform.
     pub range: [f64; 2],
     /// Mean number per path of camera rays for emission alone
-    /// ([`emission_rays`](crate::integrator::emission_rays)).
+    /// ([`emission_rays`](crate::integrator::through::emission_rays)).
     #[serde(default)]
     pub emission_rays: f64,
 }

@@ -292,6 +292,11 @@ impl V3Column {
         self.columns.iter_mut().for_each(|column| grow(column, len));
     }
 
+    /// Copies all vectors of another column, into the memory that this one has.
+    pub fn copy_from(&mut self, other: &Self) {
+        self.columns.iter_mut().zip(&other.columns).for_each(|(to, from)| to.clone_from(from));
+    }
+
     /// Reads eight vectors.
     #[inline(always)]
     pub fn load(&self, rows: &Rows) -> V3 {

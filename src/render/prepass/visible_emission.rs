@@ -1,6 +1,6 @@
 //! The emission that the camera sees directly: light sources and the environment. Where their edges cross a pixel, few of its
 //! paths meet a light of great radiance. A few paths do not see this variance, but neighbouring pixels show it. Such pixels get
-//! several camera rays per path for this emission alone ([`emission_rays`](crate::integrator::emission_rays)).
+//! several camera rays per path for this emission alone ([`emission_rays`](crate::integrator::through::emission_rays)).
 
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
@@ -13,7 +13,7 @@ use crate::balance::Counts;
 use crate::color::luminance;
 use crate::film::PixelStats;
 use crate::film::compare::relative_to;
-use crate::integrator::proposal::MAX_RAYS_PER_PATH;
+use crate::integrator::data::proposal::MAX_RAYS_PER_PATH;
 use crate::integrator::{PixelSums, PixelTask, Transport, Wave};
 use crate::lanes::F;
 use crate::sampling::{FilterSampler, PixelFilter, hash};

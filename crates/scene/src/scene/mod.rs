@@ -57,6 +57,17 @@ pub struct Scene {
     pub reach: Option<Arc<AnimatedBounds>>,
 }
 
+/// A triangle in a scene.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Primitive {
+    /// Index into [`Scene::instances`].
+    pub instance: u32,
+    /// Index into [`Scene::meshes`].
+    pub mesh: u32,
+    /// Index into [`Mesh::indices`].
+    pub prim: u32,
+}
+
 /// The points that surfaces reach over a whole animation.
 #[derive(Debug, Clone)]
 pub struct AnimatedBounds {

@@ -6,45 +6,12 @@ use std::iter::once;
 
 use glam::Vec3;
 
-use super::batch::PixelTask;
-use super::path_states::PathState;
-use super::queues::{PathRays, ShadowRays};
-use super::stages::requests::RequestGroup;
-use super::transport::Transport;
-use super::vertices::Vertices;
+use crate::integrator::data::context::WaveContext;
+use crate::integrator::data::queues::{LightKind, PathRays, ShadowRays};
+use crate::integrator::data::requests::RequestGroup;
+use crate::integrator::data::vertices::Vertices;
 use crate::lanes::{F, LANES, Survivors, V3};
 use crate::rays::HitBatch;
-
-/// The state of a wave when an event occurs.
-#[derive(Clone, Copy)]
-pub struct WaveContext<'a> {
-    /// What paths read.
-    pub transport: &'a Transport<'a>,
-    /// The pixels' tasks.
-    pub tasks: &'a [PixelTask],
-    /// The paths, pixel by pixel.
-    pub paths: &'a [PathState],
-    /// Number of path segments before the current rays: 0 for camera rays.
-    pub depth: u32,
-}
-
-impl<'a> WaveContext<'a> {
-    /// A column of the paths, pixel by pixel: each pixel's task and its paths' elements.
-    pub fn by_pixel<'b, T>(&self, column: &'b [T]) -> impl Iterator<Item = (&'a PixelTask, &'b [T])> + use<'a, 'b, T> {
-        let mut rest = column;
-        self.tasks.iter().map(move |task| {
-            let (paths, others) = rest.split_at(task.counts.paths as usize);
-            rest = others;
-            (task, paths)
-        })
-    }
-
-    /// Index of a path's pixel in the wave.
-    #[inline]
-    pub fn pixel(&self, path: u32) -> usize {
-        self.paths[path as usize].pixel as usize
-    }
-}
 
 /// Light that a ray found at its end.
 #[derive(Debug, Clone, Copy)]
@@ -56,8 +23,8 @@ pub struct FoundEmission {
     /// Densities per solid angle of light samples in its direction: environment, area lights. One of them is zero, both for
     /// camera rays.
     pub pdf: [f32; 2],
-    /// Kind of light, as in [`ShadowRays::light_group`].
-    pub light_group: u32,
+    /// Kind of the light.
+    pub kind: LightKind,
 }
 
 /// Up to eight light samples of the environment and of area lights.

@@ -1,9 +1,9 @@
 //! Auxiliary features of pixels (object, normal, depth), which decide what statistics neighbouring pixels share. They are
 //! those of the surface behind thin walls that most paths pass.
 
-use super::thin_walls;
-use super::transport::Transport;
 use crate::balance::PixelFeatures;
+use crate::integrator::data::transport::Transport;
+use crate::integrator::through::thin_walls;
 use crate::lanes::{F, LANES, U};
 use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
 
@@ -24,14 +24,12 @@ pub fn guides(transport: &Transport, pixels: &[[u32; 2]]) -> Vec<PixelFeatures> 
         thin_walls::pass_most(transport, &rays, &mut hits);
     }
     let guide = |ray: usize| {
-        let (instance, mesh, prim) = (hits.instance[ray], hits.mesh[ray], hits.prim[ray]);
-        if instance == MISS {
+        if hits.mesh[ray] == MISS {
             return PixelFeatures::default();
         }
-        let hit = (instance, mesh, prim);
-        let point = transport.geometry.point(transport.scene, hit, (hits.u[ray], hits.v[ray]), rays.time(ray));
+        let point = transport.point(&rays, &hits, ray);
         PixelFeatures {
-            object: instance + 1,
+            object: hits.instance[ray] + 1,
             material: point.mesh.material + 1,
             normal: point.ns.normalize_or_zero(),
             depth: hits.t[ray],

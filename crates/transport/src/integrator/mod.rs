@@ -1,42 +1,27 @@
-//! Wavefront path tracing: a batch of paths is advanced by stages between ray queries ([`wave`]). [`scalar`] traces single
+//! Wavefront path tracing: a batch of paths is advanced by stages between ray queries ([`wave`]). Each folder imports only
+//! those listed before it: [`surface`], [`data`], [`events`], [`stages`], [`through`], [`clients`]. [`scalar`] traces single
 //! paths as a reference.
 
-pub mod back_faces;
-pub mod batch;
-pub mod camera;
 pub mod clients;
-pub mod counts;
-pub mod dispersion;
-pub mod emission_rays;
+pub mod data;
 pub mod events;
-pub mod geometry;
-pub mod glass_bounces;
-pub mod glass_shadows;
 pub mod guides;
-pub mod materials;
-pub mod path_states;
-pub mod prepared;
-pub mod proposal;
-pub mod queues;
-pub mod replay;
 pub mod scalar;
-mod shading_normal;
 pub mod stages;
-pub mod thin_walls;
-pub mod transport;
-pub mod velocity;
-pub mod vertices;
+pub mod surface;
+pub mod through;
 pub mod wave;
 
-pub use batch::PixelTask;
-pub use camera::CameraRays;
 pub use clients::PixelSums;
-pub use counts::WaveCounts;
-pub use events::{PathEvents, WaveContext};
-pub use geometry::Geometry;
+pub use data::camera::CameraRays;
+pub use data::context::WaveContext;
+pub use data::counts::WaveCounts;
+pub use data::prepared::{Names, PreparedScene};
+pub use data::proposal::{EmissionRayCounts, Proposal};
+pub use data::task::PixelTask;
+pub use data::transport::Transport;
+pub use events::PathEvents;
 pub use guides::guides;
-pub use materials::Materials;
-pub use prepared::{Names, PreparedScene};
-pub use proposal::{EmissionRayCounts, Proposal};
-pub use transport::Transport;
+pub use surface::geometry::Geometry;
+pub use surface::materials::Materials;
 pub use wave::Wave;

@@ -12,6 +12,7 @@ use super::{LightProposal, LightSampleContext, LightSamples};
 use crate::color::luminance;
 use crate::lanes::{F, LANES, V3, eight};
 use crate::sampling::warp;
+use crate::scene::Primitive;
 use crate::scene::{Instance, Material, Mesh, Scene, TextureSlot};
 
 /// An emissive triangle, or two that form a parallelogram, in world space, laid out to be loaded into lanes.
@@ -264,7 +265,7 @@ impl AreaLights {
         &self,
         (scene, time): (&Scene, f32),
         (p, n): (Vec3, Vec3),
-        (instance, mesh, prim): (u32, u32, u32),
+        Primitive { instance, mesh, prim }: Primitive,
         wi: Vec3,
         distance: f32,
         learned: Option<&LearnedLights>,

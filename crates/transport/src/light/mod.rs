@@ -21,6 +21,7 @@ use std::sync::Arc;
 use glam::Vec3;
 
 use crate::lanes::{F, LANES, V3};
+use crate::scene::Primitive;
 use crate::scene::Scene;
 pub use area::AreaLights;
 pub use environment::{Density, EnvironmentSampler};
@@ -138,14 +139,14 @@ impl Lights {
     }
 
     /// Density per solid angle with which [`sample`](Self::sample) samples direction `wi` by `proposal` at `from` (point, normal).
-    /// `hit` is the instance, mesh and triangle at `distance` metres along `wi`; `at` is the scene and a time in [0, 1] of the
+    /// `hit` is the triangle at `distance` metres along `wi`; `at` is the scene and a time in [0, 1] of the
     /// shutter. Zero if the triangle is not a light.
     #[inline]
     pub fn area_pdf(
         &self,
         at: (&Scene, f32),
         from: (Vec3, Vec3),
-        hit: (u32, u32, u32),
+        hit: Primitive,
         wi: Vec3,
         distance: f32,
         proposal: &LightProposal,

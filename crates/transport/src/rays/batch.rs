@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::lanes::{F, LANES, Rows, U, V3, load, store, store_bits};
+use crate::scene::Primitive;
 
 /// Marks a miss in the index columns of [`HitBatch`].
 pub const MISS: u32 = u32::MAX;
@@ -166,6 +167,37 @@ impl HitBatch {
     /// Is the batch empty?
     pub fn is_empty(&self) -> bool {
         self.t.is_empty()
+    }
+
+    /// The triangle of a hit; its indices are [`MISS`] for a miss.
+    #[inline]
+    pub fn primitive(&self, row: usize) -> Primitive {
+        Primitive { instance: self.instance[row], mesh: self.mesh[row], prim: self.prim[row] }
+    }
+
+    /// Replaces a hit by one of another batch.
+    pub fn replace(&mut self, row: usize, by: &Self, from: usize) {
+        (self.t[row], self.u[row], self.v[row]) = (by.t[from], by.u[from], by.v[from]);
+        self.set_primitive(row, by.primitive(from));
+    }
+
+    /// Replaces a hit by a miss.
+    pub fn set_miss(&mut self, row: usize) {
+        self.set_primitive(row, Primitive { instance: MISS, mesh: MISS, prim: MISS });
+    }
+
+    fn set_primitive(&mut self, row: usize, Primitive { instance, mesh, prim }: Primitive) {
+        (self.instance[row], self.mesh[row], self.prim[row]) = (instance, mesh, prim);
+    }
+
+    /// Copies all hits of another batch, into the memory that this one has.
+    pub fn copy_from(&mut self, other: &Self) {
+        self.t.clone_from(&other.t);
+        self.u.clone_from(&other.u);
+        self.v.clone_from(&other.v);
+        self.instance.clone_from(&other.instance);
+        self.mesh.clone_from(&other.mesh);
+        self.prim.clone_from(&other.prim);
     }
 
     /// Resizes all columns to `len`; old entries stay.

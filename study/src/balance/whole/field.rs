@@ -41,7 +41,7 @@ pub fn seen(scene: &StudyScene, spp: u32) -> Option<FieldPicture> {
         if hits.mesh[i] == MISS {
             return (f64::NAN, [0.0; 3]);
         }
-        let hit = (hits.instance[i], hits.mesh[i], hits.prim[i]);
+        let hit = hits.primitive(i);
         let point = scene.scene.geometry.point(&scene.scene.scene, hit, (hits.u[i], hits.v[i]), 0.0);
         let normal = point.ng.normalize_or_zero();
         let normal = if normal.dot(rays.direction(i)) > 0.0 { -normal } else { normal };

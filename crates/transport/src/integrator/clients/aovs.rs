@@ -2,12 +2,12 @@
 
 use glam::Vec3;
 
-use super::mirrors::{MirrorChains, facing_normal};
+use super::velocity::velocity;
 use crate::film::{AovSums, ExtraSums};
-use crate::integrator::events::{FoundEmission, PathEvents, UnoccludedLight, WaveContext};
-use crate::integrator::queues::{AREA_GROUP, PathRays, ShadowRays};
-use crate::integrator::stages::surfaces::point;
-use crate::integrator::velocity::velocity;
+use crate::integrator::clients::mirrors::{MirrorChains, facing_normal};
+use crate::integrator::data::context::WaveContext;
+use crate::integrator::data::queues::{LightKind, PathRays, ShadowRays};
+use crate::integrator::events::{FoundEmission, PathEvents, UnoccludedLight};
 use crate::rays::{HitBatch, MISS};
 
 /// Adds paths to the AOVs of their pixels, one entry per task in each slice.
@@ -53,9 +53,9 @@ impl PathEvents for Aovs<'_> {
     fn emission(&mut self, at: &WaveContext, rays: &PathRays, found: &FoundEmission) {
         let path = rays.path[found.ray as usize];
         if let Some(extras) = self.extras.get_mut(at.pixel(path)) {
-            extras.add_light(found.light_group as usize, found.radiance);
+            extras.add_light(found.kind as usize, found.radiance);
             let passed_wall = rays.passed_wall.get(found.ray as usize).is_some_and(|passed| *passed);
-            if at.depth == 0 && found.light_group == AREA_GROUP && !passed_wall {
+            if at.depth == 0 && found.kind == LightKind::Area && !passed_wall {
                 extras.add_emission(found.radiance);
             }
         }
@@ -67,7 +67,7 @@ impl PathEvents for Aovs<'_> {
     fn unoccluded(&mut self, at: &WaveContext, shadows: &ShadowRays, found: &UnoccludedLight) {
         let path = shadows.path[found.row];
         if let Some(extras) = self.extras.get_mut(at.pixel(path)) {
-            extras.add_light(shadows.light_group[found.row] as usize, found.radiance);
+            extras.add_light(shadows.kind(found.row) as usize, found.radiance);
         }
         if at.depth == 0 {
             self.add_direct(path, found.radiance);
@@ -96,7 +96,7 @@ impl Aovs<'_> {
         for ray in (0..rays.len).filter(|&ray| hits.mesh[ray] != MISS) {
             let path = rays.path[ray];
             let pixel = at.pixel(path);
-            let point = point(transport, rays, hits, ray);
+            let point = transport.point(&rays.rays, hits, ray);
             let (albedo, normal) = (point.base_color(transport.scene), facing_normal(&point, rays, ray));
             let (instance, material) = (hits.instance[ray], point.mesh.material);
             if let Some(sums) = self.sums.get_mut(pixel) {
@@ -107,8 +107,7 @@ impl Aovs<'_> {
                 let names = [transport.names.objects[instance as usize], transport.names.materials[material as usize]];
                 extras.add_surface(point.position, point.texcoords[0], names);
                 if transport.geometry.has_velocities {
-                    let hit = (instance, hits.mesh[ray], hits.prim[ray]);
-                    extras.add_velocity(velocity(transport, hit, (hits.u[ray], hits.v[ray])));
+                    extras.add_velocity(velocity(transport, hits.primitive(ray), (hits.u[ray], hits.v[ray])));
                 }
                 self.columns.mirrors.first_hit(at, path, &point, (albedo, normal), extras);
             }

@@ -3,12 +3,12 @@
 use glam::Vec3;
 
 use crate::balance::{Contribution, Observer, Technique};
-use crate::integrator::events::{
-    FoundEmission, LightSampleGroup, PathEvents, ScatteredGroup, UnoccludedLight, WaveContext,
-};
-use crate::integrator::queues::{PUNCTUAL_GROUP, PathRays, ShadowRays};
-use crate::integrator::stages::requests::{AREA_SEQUENCE, LightTarget, RequestGroup};
-use crate::integrator::vertices::Vertices;
+use crate::integrator::data::context::WaveContext;
+use crate::integrator::data::dimensions::AREA_LIGHT_INDEX;
+use crate::integrator::data::queues::{LightKind, PathRays, ShadowRays};
+use crate::integrator::data::requests::{LightTarget, RequestGroup};
+use crate::integrator::data::vertices::Vertices;
+use crate::integrator::events::{FoundEmission, LightSampleGroup, PathEvents, ScatteredGroup, UnoccludedLight};
 use crate::lanes::{F, U, V3, grow, load_bits, store, store_bits};
 
 /// Reports contributions at first surfaces, and the radiance of paths, to an observer.
@@ -92,7 +92,7 @@ impl PathEvents for Contributions<'_> {
         let [a_env, a_area, a_b] = group.samples_per_path;
         let a_l = a_env + a_area;
         let (w, r) = contribution_terms_wide(radiance, weighted_pdf / a_l, bsdf_pdf, a_l / (a_l + a_b));
-        let index = group.path_ids.index & U::splat(!AREA_SEQUENCE);
+        let index = group.path_ids.index & U::splat(!AREA_LIGHT_INDEX);
         let area = group.target.simd_eq(U::splat(LightTarget::AreaLight as u32));
         let columns = &mut self.columns.light;
         for (column, value) in [(&mut columns.index, index), (&mut columns.area, area)] {
@@ -128,7 +128,7 @@ impl PathEvents for Contributions<'_> {
         let UnoccludedLight { row, radiance, scale } = *found;
         if at.depth > 0 {
             self.columns.add_indirect(at, shadows.ray[row], radiance);
-        } else if shadows.light_group[row] < PUNCTUAL_GROUP {
+        } else if shadows.kind(row) != LightKind::Punctual {
             let LightColumns { index, area, w, r } = &self.columns.light;
             if w[row] > 0.0 {
                 let (area, index, r) = (area[row] != 0, index[row], r[row]);

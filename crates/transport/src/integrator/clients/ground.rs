@@ -7,13 +7,14 @@ use glam::Vec3;
 
 use crate::color::luminance;
 use crate::film::GroundSums;
-use crate::integrator::events::{PathEvents, WaveContext};
-use crate::integrator::queues::{PathRays, ShadowRays};
-use crate::integrator::stages::light_set;
-use crate::integrator::thin_walls::ThinWalls;
+use crate::integrator::data::context::WaveContext;
+use crate::integrator::data::dimensions;
+use crate::integrator::data::queues::{PathRays, ShadowRays};
+use crate::integrator::events::PathEvents;
+use crate::integrator::through::thin_walls::ThinWalls;
 use crate::lanes::{F, LANES, Survivors, U, V3, eight, mask};
 use crate::light::{LightSampleContext, LightSamples, punctual};
-use crate::rays::{HitBatch, MISS, RayOrder};
+use crate::rays::{HitBatch, MISS};
 use crate::sampling::{hashes, keys, samples};
 
 /// Light samples of a point on the ground: a path that ends there costs little else.
@@ -24,7 +25,6 @@ const SAMPLES: u32 = 4;
 pub struct GroundColumns {
     shadows: ShadowRays,
     walls: ThinWalls,
-    occluded: Vec<bool>,
     /// Luminance of each shadow ray's contribution if unoccluded.
     light: Vec<f32>,
     /// Camera rays that end on the ground: their row, and the point.
@@ -52,17 +52,14 @@ impl PathEvents for Ground<'_> {
             self.sums[at.pixel(rays.path[*row as usize])].paths += 1;
         }
         self.sample(at, rays);
-        let GroundColumns { shadows, walls, occluded, light, .. } = &mut *self.columns;
+        let GroundColumns { shadows, walls, light, .. } = &mut *self.columns;
         if shadows.len == 0 {
             return;
         }
-        match at.transport.materials.has_thin_walls || at.transport.passes_bodies() {
-            true => walls.pass_shadow_rays(at.transport, shadows, occluded),
-            false => at.transport.rays.occluded(&shadows.rays, RayOrder::Incoherent, occluded),
-        }
+        walls.occlude(at.transport, shadows);
         for (row, &light) in light.iter().enumerate() {
             let sums = &mut self.sums[at.pixel(shadows.path[row])];
-            let left = if occluded[row] { 0.0 } else { luminance(shadows.radiance.get(row)).min(light) };
+            let left = if shadows.occluded[row] { 0.0 } else { luminance(shadows.radiance.get(row)).min(light) };
             sums.light += f64::from(light);
             sums.taken += f64::from(light - left);
         }
@@ -102,8 +99,8 @@ impl Ground<'_> {
             let index = index * U::splat(SAMPLES) + U::splat(sample);
             let time = F::from(eight(|lane| rays.rays.time(lane_of(lane).0 as usize)));
             let point = V3::gather(eight(|lane| lane_of(lane).1));
-            let key = hashes(keys(seed, index, light_set(0)));
-            let [choice, u, v, other] = samples(seed, index, light_set(0));
+            let key = hashes(keys(seed, index, dimensions::light(0)));
+            let [choice, u, v, other] = samples(seed, index, dimensions::light(0));
             let mut push = |LightSamples { wi, end, .. }: LightSamples, radiance: V3, valid: F| {
                 let radiance = radiance * wi.y;
                 let bright = wi.y.simd_gt(F::ZERO) & radiance.max_element().simd_gt(F::ZERO) & radiance.is_finite();

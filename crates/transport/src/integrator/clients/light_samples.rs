@@ -1,10 +1,11 @@
 //! Light samples of area lights, from which light selection is learned.
 
 use crate::color::luminance;
-use crate::integrator::events::{LightSampleGroup, PathEvents, UnoccludedLight, WaveContext};
-use crate::integrator::queues::{AREA_GROUP, ShadowRays};
-use crate::integrator::stages::requests::RequestGroup;
-use crate::integrator::vertices::Vertices;
+use crate::integrator::data::context::WaveContext;
+use crate::integrator::data::queues::{LightKind, ShadowRays};
+use crate::integrator::data::requests::RequestGroup;
+use crate::integrator::data::vertices::Vertices;
+use crate::integrator::events::{LightSampleGroup, PathEvents, UnoccludedLight};
 use crate::lanes::{U, eight, grow, mask, store_bits};
 use crate::light::LightSampleRecord;
 
@@ -59,7 +60,7 @@ impl PathEvents for LightSampleRecorder {
     }
 
     fn unoccluded(&mut self, _at: &WaveContext, shadows: &ShadowRays, found: &UnoccludedLight) {
-        if shadows.light_group[found.row] == AREA_GROUP {
+        if shadows.kind(found.row) == LightKind::Area {
             self.records[self.record_of[found.row] as usize].contribution = luminance(found.radiance);
         }
     }

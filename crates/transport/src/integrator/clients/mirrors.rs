@@ -3,14 +3,13 @@
 use glam::Vec3;
 
 use crate::film::ExtraSums;
-use crate::integrator::events::WaveContext;
-use crate::integrator::geometry::SurfacePoint;
-use crate::integrator::queues::PathRays;
-use crate::integrator::stages::surfaces::point;
-use crate::integrator::transport::Transport;
+use crate::integrator::data::context::WaveContext;
+use crate::integrator::data::queues::PathRays;
+use crate::integrator::data::transport::Transport;
+use crate::integrator::surface::geometry::SurfacePoint;
 use crate::rays::{HitBatch, MISS};
 
-/// The chains of mirrors at the start of paths, a part of [`Aovs`](super::Aovs).
+/// The chains of mirrors at the start of paths, a part of [`Aovs`](crate::integrator::clients::Aovs).
 #[derive(Debug, Default)]
 pub struct MirrorChains {
     /// By path, the chain whose end is still to be found.
@@ -69,7 +68,7 @@ impl MirrorChains {
             if hits.mesh[ray] == MISS {
                 continue;
             }
-            let point = point(at.transport, rays, hits, ray);
+            let point = at.transport.point(&rays.rays, hits, ray);
             let tint = mirror.tint * point.base_color(at.transport.scene);
             if is_mirror(at.transport, &point) || is_pane(at.transport, &point) {
                 *open = Some(MirrorVertex { tint, next: at.depth + 1, ..mirror });

@@ -1,4 +1,4 @@
-//! Clients of a wave ([`PathEvents`](super::PathEvents)), a file each.
+//! Clients of a wave ([`PathEvents`](crate::integrator::PathEvents)), a file each.
 
 pub mod aovs;
 pub mod contributions;
@@ -8,6 +8,7 @@ pub mod mirrors;
 pub mod pixel_sums;
 pub mod scattered_sums;
 pub mod training_samples;
+mod velocity;
 
 pub use aovs::{AovColumns, Aovs};
 pub use contributions::{ContributionColumns, Contributions};

@@ -4,8 +4,9 @@ use glam::Vec3;
 
 use crate::color::luminance;
 use crate::film::{Peak, PixelStats};
-use crate::integrator::events::{PathEvents, WaveContext};
-use crate::integrator::queues::PathRays;
+use crate::integrator::data::context::WaveContext;
+use crate::integrator::data::queues::PathRays;
+use crate::integrator::events::PathEvents;
 use crate::rays::{HitBatch, MISS};
 
 /// Adds paths to the statistics of their pixels, one entry per task in each slice.

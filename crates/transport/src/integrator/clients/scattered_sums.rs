@@ -2,8 +2,9 @@
 
 use glam::Vec3;
 
-use crate::integrator::events::{FoundEmission, PathEvents, WaveContext};
-use crate::integrator::queues::PathRays;
+use crate::integrator::data::context::WaveContext;
+use crate::integrator::data::queues::PathRays;
+use crate::integrator::events::{FoundEmission, PathEvents};
 
 /// Adds the radiance of paths, without the emission at the end of camera rays, to the sums of their pixels, one per task.
 #[derive(Debug)]

@@ -5,11 +5,12 @@ use wide::bytemuck::cast;
 
 use crate::color::luminance;
 use crate::guiding::{TrainingSample, VertexRecord};
-use crate::integrator::events::{FoundEmission, PathEvents, ScatteredGroup, UnoccludedLight, WaveContext};
-use crate::integrator::queues::{PUNCTUAL_GROUP, PathRays, ShadowRays};
+use crate::integrator::data::context::WaveContext;
+use crate::integrator::data::queues::{LightKind, PathRays, ShadowRays};
+use crate::integrator::data::requests::RequestGroup;
+use crate::integrator::data::vertices::Vertices;
+use crate::integrator::events::{FoundEmission, PathEvents, ScatteredGroup, UnoccludedLight};
 use crate::integrator::stages::mixture;
-use crate::integrator::stages::requests::RequestGroup;
-use crate::integrator::vertices::Vertices;
 use crate::lanes::load_bits;
 use crate::rays::HitBatch;
 
@@ -149,7 +150,7 @@ impl PathEvents for TrainingRecorder {
         if at.depth > 0 {
             let record = self.of_ray(at, shadows.ray[found.row]);
             record.found += found.radiance;
-            if shadows.light_group[found.row] < PUNCTUAL_GROUP {
+            if shadows.kind(found.row) != LightKind::Punctual {
                 record.light += luminance(found.radiance);
             }
         }

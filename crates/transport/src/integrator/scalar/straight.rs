@@ -2,14 +2,16 @@
 
 use glam::Vec3;
 
-use super::{Ray, Tracer};
-use crate::integrator::back_faces::beyond;
-use crate::integrator::glass_shadows;
-use crate::integrator::materials::transmittance;
-use crate::integrator::thin_walls::{MAX_WALLS, Passages, is_wall};
-use crate::integrator::transport::Transport;
+use crate::integrator::data::dimensions::MAX_WALLS;
+use crate::integrator::data::transport::Transport;
+use crate::integrator::scalar::{Ray, Tracer};
+use crate::integrator::surface::materials::transmittance;
+use crate::integrator::through::back_faces::beyond;
+use crate::integrator::through::glass_shadows;
+use crate::integrator::through::thin_walls::{Passages, is_wall};
 use crate::lanes::LANES;
 use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
+use crate::scene::Primitive;
 
 /// A ray that goes straight through glass.
 struct StraightRay {
@@ -19,8 +21,7 @@ struct StraightRay {
     medium: u32,
     /// Distance of the last surface.
     start: f32,
-    /// Instance, mesh and triangle of the last surface.
-    last: Option<(u32, u32, u32)>,
+    last: Option<Primitive>,
 }
 
 impl StraightRay {
@@ -34,7 +35,7 @@ impl Tracer<'_> {
     /// Light that lies straight behind the body of glass that a ray in a rough direction has hit.
     pub(super) fn straight_behind_bodies(&mut self, ray: &Ray, depth: u32, hits: &HitBatch) -> Vec3 {
         let (t, mut hits, mut sum) = (self.transport, hits.clone(), Vec3::ZERO);
-        if ray.state & glass_shadows::ROUGH == 0 || is_wall(t, hits.mesh[0]) {
+        if !ray.history.is_rough() || is_wall(t, hits.mesh[0]) {
             return sum;
         }
         let mut rays = RayBatch::default();
@@ -45,14 +46,10 @@ impl Tracer<'_> {
             if !self.pass(&mut straight, &mut rays, &mut hits, true) {
                 break;
             }
-            let again = straight.last == Some((hits.instance[0], hits.mesh[0], hits.prim[0]));
+            let again = straight.last == Some(hits.primitive(0));
             if !again && (hits.mesh[0] == MISS || glass_shadows::emits(t, hits.mesh[0])) {
                 let beta = straight.left * straight.absorbed(t, hits.t[0]);
-                // `trace_hit` attenuates in the medium of the ray.
-                let seen = Ray { beta, medium: 0, glass_bounces: 0, ..*ray };
-                let max_depth = Transport { max_depth: depth + 1, ..t.clone() };
-                let mut tracer = Tracer { transport: &max_depth, report: &mut *self.report, ..*self };
-                sum += tracer.trace_hit(&seen, depth, (&hits, false, false), &[], &[]);
+                sum += self.emission_at(&Ray { beta, ..*ray }, depth, &hits, (false, false));
             }
         }
         sum
@@ -61,9 +58,9 @@ impl Tracer<'_> {
     /// Takes a ray through what it has hit, if light passes that straight on.
     fn pass(&self, straight: &mut StraightRay, rays: &mut RayBatch, hits: &mut HitBatch, bodies: bool) -> bool {
         let t = self.transport;
-        let hit = (hits.instance[0], hits.mesh[0], hits.prim[0]);
+        let hit = hits.primitive(0);
         let is_body = |mesh| mesh != MISS && t.materials.mesh_material(mesh).smooth_body;
-        if !(is_wall(t, hit.1) || (bodies && is_body(hit.1))) {
+        if !(is_wall(t, hit.mesh) || (bodies && is_body(hit.mesh))) {
             return false;
         }
         if straight.last != Some(hit) {
@@ -76,7 +73,7 @@ impl Tracer<'_> {
             if t.passes_bodies() {
                 straight.left *= straight.absorbed(t, hits.t[0]);
                 let back_facing = t.geometry.normal(t.scene, hit, time).dot(direction) > 0.0;
-                let [_, medium] = t.materials.media_at_surface(hit.1, back_facing, straight.medium);
+                let [_, medium] = t.materials.media_at_surface(hit.mesh, back_facing, straight.medium);
                 (straight.medium, straight.start) = (medium, hits.t[0]);
             }
         }
@@ -88,7 +85,7 @@ impl Tracer<'_> {
 
     /// The light that goes straight through the surface that a ray has hit.
     pub(super) fn passages(&self, hits: &HitBatch, direction: Vec3, time: f32, bodies: bool) -> Passages {
-        let at = (hits.instance[0], hits.mesh[0], hits.prim[0]);
+        let at = hits.primitive(0);
         let point = self.transport.geometry.point(self.transport.scene, at, (hits.u[0], hits.v[0]), time);
         Passages::at(self.transport, &[point; LANES], &[direction; LANES], bodies)
     }

@@ -2,14 +2,12 @@
 
 use glam::Vec3;
 
-use crate::integrator::batch::PixelTask;
-use crate::integrator::queues::{PathIds, PathRays};
-use crate::integrator::transport::Transport;
+use crate::integrator::data::dimensions;
+use crate::integrator::data::queues::{PathIds, PathRays};
+use crate::integrator::data::task::PixelTask;
+use crate::integrator::data::transport::Transport;
 use crate::lanes::{F, LANES, NUMBERS, Rows, U, V3, store};
 use crate::sampling::{keys, pixel_seed, samples};
-
-/// Sequence dimensions of the time of a path.
-const TIME_SET: u32 = u32::MAX - 1;
 
 /// Fills `rays` with the camera rays of all pixels, in the order of the path states.
 #[inline(never)]
@@ -25,7 +23,7 @@ pub fn begin(transport: &Transport, tasks: &[PixelTask], rays: &mut PathRays) {
             let path = U::splat(rays.len as u32) + U::from(NUMBERS);
             let (ray, time) = camera_ray(transport, [task.x, task.y], seed, index);
             let path_ids = PathIds { path, index, seed, time };
-            rays.push(n, ray, keys(seed, index, 0), V3::splat(Vec3::ONE), V3::ZERO, F::ZERO, path_ids);
+            rays.push(n, ray, keys(seed, index, dimensions::CAMERA), V3::splat(Vec3::ONE), V3::ZERO, F::ZERO, path_ids);
             clip(transport, rays, n);
         }
     }
@@ -45,9 +43,9 @@ pub fn clip(transport: &Transport, rays: &mut PathRays, n: usize) {
 /// times in [0, 1] of the shutter interval.
 #[inline(always)]
 pub fn camera_ray(transport: &Transport, [x, y]: [u32; 2], seed: U, index: U) -> ((V3, V3), F) {
-    let [px, py, u, v] = samples(seed, index, 0);
+    let [px, py, u, v] = samples(seed, index, dimensions::CAMERA);
     let x = transport.filter.offsets(px) + F::splat(x as f32 + 0.5);
     let y = transport.filter.offsets(py) + F::splat(y as f32 + 0.5);
-    let time = if transport.geometry.moves { samples(seed, index, TIME_SET)[0] } else { F::ZERO };
+    let time = if transport.geometry.moves { samples(seed, index, dimensions::TIME)[0] } else { F::ZERO };
     (transport.camera.rays_through((x, y), (u, v), time), time)
 }

@@ -2,28 +2,32 @@
 
 use glam::Vec3;
 
-use super::{eight_of, surfaces};
-use crate::integrator::events::{FoundEmission, PathEvents, WaveContext};
-use crate::integrator::path_states::{NonFiniteSamples, clamp_contribution};
-use crate::integrator::queues::{AREA_GROUP, ENVIRONMENT_GROUP, PathRays, SortedHits};
+use crate::integrator::data::context::WaveContext;
+use crate::integrator::data::history::RayHistory;
+use crate::integrator::data::path_states::{NonFiniteSamples, PathLight, clamp_contribution};
+use crate::integrator::data::queues::{LightKind, PathRays, SortedHits};
+use crate::integrator::events::{FoundEmission, PathEvents};
+use crate::integrator::stages::eight_of;
 use crate::lanes::LANES;
 use crate::rays::HitBatch;
 
-/// Adds the emission that rays found to the radiance of their paths. `found` is scratch space.
+/// Adds the emission that rays found to the radiance of their paths. `history` is empty where nothing depends on it; `found` is
+/// scratch space.
 pub fn add<E: PathEvents>(
     at: &WaveContext,
+    history: &[RayHistory],
     sorted: &SortedHits,
     rays: &PathRays,
     hits: &HitBatch,
     found: &mut Vec<FoundEmission>,
-    (radiance, non_finite): (&mut [Vec3], &mut NonFiniteSamples),
+    light: &mut PathLight,
     events: &mut E,
 ) {
     found.clear();
-    emissive_surfaces(at, &sorted.emissive, rays, hits, non_finite, found);
-    environment(at, &sorted.escaped, rays, non_finite, found);
+    emissive_surfaces(at, history, &sorted.emissive, rays, hits, &mut light.non_finite, found);
+    environment(at, history, &sorted.escaped, rays, &mut light.non_finite, found);
     for found in found {
-        radiance[rays.path[found.ray as usize] as usize] += found.radiance;
+        light.radiance[rays.path[found.ray as usize] as usize] += found.radiance;
         events.emission(at, rays, found);
     }
 }
@@ -32,6 +36,7 @@ pub fn add<E: PathEvents>(
 #[inline(never)]
 fn emissive_surfaces(
     at: &WaveContext,
+    history: &[RayHistory],
     emissive: &[u32],
     rays: &PathRays,
     hits: &HitBatch,
@@ -40,21 +45,22 @@ fn emissive_surfaces(
 ) {
     let transport = at.transport;
     for ray in emissive.iter().map(|&ray| ray as usize) {
-        let excluded = is_excluded(rays, ray);
-        let point = surfaces::point(transport, rays, hits, ray);
+        let history = history.get(ray).copied().unwrap_or_default();
+        let point = transport.point(&rays.rays, hits, ray);
         if point.material.unlit {
             // It is seen, but gives no light.
-            if at.depth > 0 && !rays.mirror_image[ray] {
+            if at.depth > 0 && !history.is_mirror_image() {
                 continue;
             }
-            let emission = Emission { radiance: point.base_color(transport.scene), pdf: [0.0; 2], group: AREA_GROUP };
+            let emission =
+                Emission { radiance: point.base_color(transport.scene), pdf: [0.0; 2], kind: LightKind::Area };
             found.extend(emission.weighted(at, ray, rays, non_finite));
             continue;
         }
         let direction = rays.rays.direction(ray);
-        if point.emits_against(direction) && !excluded {
-            let hit = (hits.instance[ray], hits.mesh[ray], hits.prim[ray]);
-            let radiance = point.emitted_radiance(transport.scene, hit.2, (hits.u[ray], hits.v[ray]), direction);
+        if point.emits_against(direction) && !history.is_refracted() {
+            let hit = hits.primitive(ray);
+            let radiance = point.emitted_radiance(transport.scene, hit.prim, (hits.u[ray], hits.v[ray]), direction);
             let from = (rays.rays.origin(ray), rays.normal.get(ray));
             let when = (transport.scene, rays.rays.time(ray));
             let pdf = match at.depth {
@@ -62,7 +68,7 @@ fn emissive_surfaces(
                 _ if has_passed(rays, ray) => 0.0,
                 _ => transport.lights.area_pdf(when, from, hit, direction, hits.t[ray], &transport.proposal.lights),
             };
-            let emission = Emission { radiance, pdf: [0.0, pdf], group: AREA_GROUP };
+            let emission = Emission { radiance, pdf: [0.0, pdf], kind: LightKind::Area };
             found.extend(emission.weighted(at, ray, rays, non_finite));
         }
     }
@@ -72,6 +78,7 @@ fn emissive_surfaces(
 #[inline(never)]
 fn environment(
     at: &WaveContext,
+    history: &[RayHistory],
     escaped: &[u32],
     rays: &PathRays,
     non_finite: &mut NonFiniteSamples,
@@ -87,7 +94,7 @@ fn environment(
         let (rows, n) = eight_of(escaped, first);
         let (radiance, pdf) = transport.lights.environment(rays.rays.directions(&rows), &transport.proposal.lights);
         for lane in 0..n {
-            if is_excluded(rays, escaped[first + lane] as usize) {
+            if history.get(escaped[first + lane] as usize).is_some_and(|history| history.is_refracted()) {
                 continue;
             }
             if hidden && !rays.passed_wall[escaped[first + lane] as usize] {
@@ -95,21 +102,16 @@ fn environment(
             }
             let passed = has_passed(rays, escaped[first + lane] as usize);
             let pdf = if depth == 0 || passed { 0.0 } else { pdf.as_array()[lane] };
-            let emission = Emission { radiance: radiance.lane(lane), pdf: [pdf, 0.0], group: ENVIRONMENT_GROUP };
+            let emission = Emission { radiance: radiance.lane(lane), pdf: [pdf, 0.0], kind: LightKind::Environment };
             found.extend(emission.weighted(at, escaped[first + lane] as usize, rays, non_finite));
         }
     }
 }
 
-/// Has the ray passed a back face ([`back_faces`](crate::integrator::back_faces))? Shadow rays do not: no light sample has its
+/// Has the ray passed a back face ([`back_faces`](crate::integrator::through::back_faces))? Shadow rays do not: no light sample has its
 /// direction.
 fn has_passed(rays: &PathRays, ray: usize) -> bool {
     rays.rays.tnear[ray] > 0.0
-}
-
-/// Does the light that the ray finds belong to light samples ([`glass_shadows`](crate::integrator::glass_shadows))?
-fn is_excluded(rays: &PathRays, ray: usize) -> bool {
-    rays.excluded.get(ray).is_some_and(|excluded| *excluded)
 }
 
 /// Emission that a ray hits.
@@ -117,8 +119,7 @@ struct Emission {
     radiance: Vec3,
     /// Densities per solid angle of light samples in this direction: environment, area lights. One of them is zero.
     pdf: [f32; 2],
-    /// Kind of light.
-    group: u32,
+    kind: LightKind,
 }
 
 impl Emission {
@@ -154,6 +155,6 @@ impl Emission {
         }
         let limit = if depth == 0 { f32::INFINITY } else { transport.limits[(depth > 1) as usize] };
         let (radiance, _) = clamp_contribution(radiance, limit);
-        Some(FoundEmission { ray: ray as u32, radiance, pdf: self.pdf, light_group: self.group })
+        Some(FoundEmission { ray: ray as u32, radiance, pdf: self.pdf, kind: self.kind })
     }
 }

@@ -3,16 +3,18 @@
 use glam::Vec3;
 use wide::bytemuck::cast;
 
-use super::mixture::Mixture;
-use super::requests::{RequestGroup, Requests, one_per_vertex, select_environment};
-use super::{light_set, media};
 use crate::bsdf::{Core, Lobe, Parameters};
-use crate::integrator::events::{LightSampleGroup, PathEvents, UnoccludedLight, WaveContext};
-use crate::integrator::glass_shadows;
-use crate::integrator::path_states::{NonFiniteSamples, clamp_contribution};
-use crate::integrator::queues::{PUNCTUAL_GROUP, ShadowRays};
-use crate::integrator::transport::Transport;
-use crate::integrator::vertices::Vertices;
+use crate::integrator::data::context::WaveContext;
+use crate::integrator::data::dimensions;
+use crate::integrator::data::path_states::{NonFiniteSamples, clamp_contribution};
+use crate::integrator::data::queues::{LightKind, ShadowRays};
+use crate::integrator::data::requests::RequestGroup;
+use crate::integrator::data::transport::Transport;
+use crate::integrator::data::vertices::Vertices;
+use crate::integrator::events::{LightSampleGroup, PathEvents, UnoccludedLight};
+use crate::integrator::stages::media;
+use crate::integrator::stages::mixture::Mixture;
+use crate::integrator::stages::requests::{Requests, one_per_vertex, select_environment};
 use crate::lanes::{F, LANES, Survivors, U, V3, load, load_bits, mask};
 use crate::light::{LightSampleContext, LightSamples, punctual};
 use crate::sampling::{hashes, keys, samples};
@@ -46,15 +48,9 @@ pub fn sample<E: PathEvents>(
 }
 
 /// Adds the contributions of shadow rays that are not occluded, clamped, to the radiance of their paths.
-pub fn add_unoccluded<E: PathEvents>(
-    at: &WaveContext,
-    shadows: &ShadowRays,
-    occluded: &[bool],
-    radiance: &mut [Vec3],
-    events: &mut E,
-) {
+pub fn add_unoccluded<E: PathEvents>(at: &WaveContext, shadows: &ShadowRays, radiance: &mut [Vec3], events: &mut E) {
     let limit = at.transport.limits[(at.depth > 0) as usize];
-    let owners = shadows.path.iter().zip(&occluded[..shadows.len]).enumerate();
+    let owners = shadows.path.iter().zip(&shadows.occluded[..shadows.len]).enumerate();
     for (row, (&path, _)) in owners.filter(|(_, (_, occluded))| !**occluded) {
         let (added, scale) = clamp_contribution(shadows.radiance.get(row), limit);
         radiance[path as usize] += added;
@@ -96,7 +92,7 @@ fn sample_extended(
     shadows: &mut ShadowRays,
 ) -> LightSampleGroup {
     let (rows, id) = (&group.rows, &group.path_ids);
-    let [choice, u, v, _] = samples(id.seed, id.index, light_set(depth));
+    let [choice, u, v, _] = samples(id.seed, id.index, dimensions::light(depth));
     let [a_env, a_area, a_b] = group.samples_per_path;
     let (is_environment, choice) = select_environment(transport, group.target, choice);
     let transmits = bsdf.transmits();
@@ -112,7 +108,8 @@ fn sample_extended(
     let weighted_pdf = is_environment.select(a_env, a_area) * light.pdf;
     let weight = transport.heuristic.weights(weighted_pdf, a_b * bsdf_pdf);
     let radiance = vertices.beta.load(rows) * value * light.radiance * (weight / weighted_pdf);
-    let kind: U = cast(!is_environment & cast::<U, F>(U::ONE));
+    let [environment, area] = [LightKind::Environment, LightKind::Area].map(|kind| U::splat(kind as u32));
+    let kind = cast::<F, U>(is_environment).select(environment, area);
     let found = Found { light, radiance, bsdf_pdf, kind };
     let (survivors, first_row, radiance) =
         push_shadow_rays(transport, depth, vertices, bsdf, group, &found, (non_finite, shadows));
@@ -131,14 +128,14 @@ fn sample_punctual(
     shadows: &mut ShadowRays,
 ) {
     let (rows, id) = (&group.rows, &group.path_ids);
-    let [.., choice] = samples(id.seed, id.index, light_set(depth));
+    let [.., choice] = samples(id.seed, id.index, dimensions::light(depth));
     let p = vertices.origin.load(rows) - vertices.ng.load(rows) * load(&vertices.origin_offset, rows);
     let context = LightSampleContext { scene: transport.scene, time: id.time, p, origin_error: F::ZERO, n: V3::ZERO };
     let light = punctual::sample(&context, &transport.proposal.lights, [choice, F::ZERO, F::ZERO]);
     let bsdf = vertices.bsdf(rows);
     let (value, bsdf_pdf) = bsdf.eval_pdf(vertices.ns.load(rows), vertices.wo.load(rows), light.wi);
     let radiance = vertices.beta.load(rows) * value * light.radiance;
-    let found = Found { light, radiance, bsdf_pdf, kind: U::splat(PUNCTUAL_GROUP) };
+    let found = Found { light, radiance, bsdf_pdf, kind: U::splat(LightKind::Punctual as u32) };
     push_shadow_rays(transport, depth, vertices, &bsdf, group, &found, (non_finite, shadows));
 }
 
@@ -147,7 +144,7 @@ struct Found {
     light: LightSamples,
     radiance: V3,
     bsdf_pdf: F,
-    /// Light group.
+    /// [`LightKind`] as a number.
     kind: U,
 }
 
@@ -167,7 +164,7 @@ fn push_shadow_rays(
     let Found { light, bsdf_pdf, kind, .. } = *found;
     let spawned = vertices.spawn_rays(rows, bsdf.transmits(), light.wi);
     let medium = vertices.media(rows, spawned.beyond);
-    let bodies = glass_shadows::at(transport, vertices, rows, bsdf, (bsdf_pdf, spawned.beyond));
+    let bodies = vertices.shadow_policy(rows, bsdf, bsdf_pdf, spawned.beyond);
     let radiance = match bodies {
         Some(_) => found.radiance,
         None => media::attenuated(transport, found.radiance, medium, light.distance),
@@ -177,7 +174,7 @@ fn push_shadow_rays(
     let finite = radiance.is_finite();
     non_finite.add_lanes((valid & !finite).to_bitmask(), id.path);
     let alive = valid & radiance.max_element().simd_gt(F::ZERO) & finite;
-    let key = hashes(keys(id.seed, id.index, light_set(depth)));
+    let key = hashes(keys(id.seed, id.index, dimensions::light(depth)));
     let (ray, ids) = ((spawned.origin, light.wi), [id.path, load_bits(&vertices.ray, rows), kind]);
     let (survivors, first_row) = (Survivors::of(alive), shadows.len);
     if let Some(bodies) = bodies {

@@ -1,17 +1,18 @@
 //! Absorption in media by the Beer-Lambert law, exp(−σ t). Light from the environment is not attenuated: a boundary that it
 //! crosses once is not closed.
 
-use super::surfaces;
-use crate::integrator::materials::transmittance;
-use crate::integrator::queues::PathRays;
-use crate::integrator::transport::Transport;
+use crate::integrator::data::queues::PathRays;
+use crate::integrator::data::transport::Transport;
+use crate::integrator::surface::materials::transmittance;
 use crate::lanes::{F, U, V3, eight};
 use crate::rays::{HitBatch, MISS};
 
-/// Attenuates the throughput of the rays at `depth` over the distance to their hits. The medium of a camera ray is unknown at
+/// Attenuates the throughput of the rays at `depth` over the distance to their hits, if a medium absorbs. The medium of a camera ray is unknown at
 /// its origin; it is that of the boundary that the ray hits from inside, if it does.
-#[inline(never)]
 pub fn attenuate(transport: &Transport, depth: u32, rays: &mut PathRays, hits: &HitBatch) {
+    if !transport.materials.absorbs() {
+        return;
+    }
     if depth == 0 {
         rays.medium.clear();
         rays.medium.resize(rays.weighted_pdf.len(), 0);
@@ -20,7 +21,7 @@ pub fn attenuate(transport: &Transport, depth: u32, rays: &mut PathRays, hits: &
         if depth == 0
             && transport.materials.mesh_material(hits.mesh[ray]).interior_medium.is_some_and(|medium| medium > 0)
         {
-            let back_facing = surfaces::point(transport, rays, hits, ray).is_back_facing(rays.rays.direction(ray));
+            let back_facing = transport.point(&rays.rays, hits, ray).is_back_facing(rays.rays.direction(ray));
             [rays.medium[ray], _] = transport.materials.media_at_surface(hits.mesh[ray], back_facing, 0);
         }
         if rays.medium[ray] > 0 {

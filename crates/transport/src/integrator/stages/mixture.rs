@@ -5,8 +5,8 @@ use wide::bytemuck::cast;
 use crate::bsdf::{BsdfSample, Core, Lobe, Parameters};
 use crate::guiding::directions::steradians;
 use crate::guiding::{Field, NO_CELL};
-use crate::integrator::transport::Transport;
-use crate::integrator::vertices::Vertices;
+use crate::integrator::data::transport::Transport;
+use crate::integrator::data::vertices::Vertices;
 use crate::lanes::{F, LANES, Rows, U, V3, load_bits, mask, store, store_bits};
 use crate::sampling::warp::ONE_MINUS_EPSILON;
 

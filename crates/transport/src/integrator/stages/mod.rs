@@ -22,21 +22,3 @@ fn eight_of(list: &[u32], at: usize) -> (Rows, usize) {
     let consecutive = n == LANES && rows[LANES - 1] == rows[0] + LANES as u32 - 1;
     (if consecutive { Rows::From(rows[0] as usize) } else { Rows::Each(rows) }, n)
 }
-
-/// Sequence dimensions of light samples at a depth (0 for the first surface).
-#[inline]
-pub fn light_set(depth: u32) -> u32 {
-    1 + 2 * depth
-}
-
-/// Sequence dimensions of BSDF samples at a depth.
-#[inline]
-pub fn bsdf_set(depth: u32) -> u32 {
-    2 + 2 * depth
-}
-
-/// Sequence dimensions of the roulette of light samples at a depth, which needs no stratification.
-#[inline]
-pub fn roulette_set(depth: u32) -> u32 {
-    light_set(depth) | 1 << 8
-}

@@ -1,25 +1,15 @@
 //! Sample requests: which vertices take which samples. First surfaces take the samples that their path was allocated; later
 //! vertices take one sample of each technique, with roulette for the light sample if a guiding field sets its probability.
 
-use super::super::batch::PixelTask;
-use super::{light_set, roulette_set};
-use crate::integrator::path_states::PathState;
-use crate::integrator::queues::PathIds;
-use crate::integrator::transport::Transport;
-use crate::integrator::vertices::Vertices;
+use crate::integrator::data::dimensions::{self, AREA_LIGHT_INDEX};
+use crate::integrator::data::path_states::PathState;
+use crate::integrator::data::queues::PathIds;
+use crate::integrator::data::requests::{LightTarget, RequestGroup};
+use crate::integrator::data::task::PixelTask;
+use crate::integrator::data::transport::Transport;
+use crate::integrator::data::vertices::Vertices;
 use crate::lanes::{F, LANES, NUMBERS, Rows, U, are, eight, mask, unit_interval};
 use crate::sampling::{keys, samples};
-
-/// What a light sample is allocated to.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum LightTarget {
-    /// Any light: drawn by the sample.
-    Random,
-    /// The environment.
-    Environment,
-    /// The area lights.
-    AreaLight,
-}
 
 /// A sample that a vertex takes.
 #[derive(Debug, Clone, Copy)]
@@ -42,23 +32,6 @@ pub struct Requests {
     at_first_surface: bool,
     len: usize,
 }
-
-/// Up to eight samples.
-pub struct RequestGroup {
-    /// Rows of the vertices.
-    pub rows: Rows,
-    /// Paths and sample indices.
-    pub path_ids: PathIds,
-    /// Targets of light samples: [`LightTarget`] as a number.
-    pub target: U,
-    /// Number of valid lanes.
-    pub len: usize,
-    /// Samples per path: environment, area lights, BSDF.
-    pub samples_per_path: [F; 3],
-}
-
-/// Where light samples are allocated to targets, those of area lights have their own sequence, which starts at this index.
-pub const AREA_SEQUENCE: u32 = 1 << 31;
 
 impl Requests {
     /// Number of samples.
@@ -108,7 +81,7 @@ impl Requests {
             let seed = U::from(eight(|lane| vertices.seed[request[lane].vertex as usize]));
             let index = U::from(eight(|lane| request[lane].index));
             let target = U::from(eight(|lane| request[lane].target as u32));
-            let [choice, ..] = samples(seed, index, light_set(depth));
+            let [choice, ..] = samples(seed, index, dimensions::light(depth));
             let (environment, _) = select_environment(transport, target, choice);
             let environment = environment.to_bitmask();
             for (lane, &request) in request[..len].iter().enumerate() {
@@ -149,7 +122,7 @@ impl Requests {
             let rows = Rows::From(at);
             let Some([probability, _]) = vertices.roulette(transport, &rows) else { continue };
             let id = vertices.path_ids(&rows);
-            let number = unit_interval(keys(id.seed, id.index, roulette_set(depth)));
+            let number = unit_interval(keys(id.seed, id.index, dimensions::roulette(depth)));
             let taken = (number.simd_lt(probability) & mask(LANES.min(vertices.len() - at))).to_bitmask();
             let lanes = (0..LANES).filter(|lane| taken >> lane & 1 == 1);
             self.list.extend(lanes.map(|lane| SampleRequest {
@@ -237,5 +210,5 @@ pub fn light_sample_index(task: &PixelTask, number: u32) -> (u32, LightTarget) {
     if number < area_from {
         return (number - area_before, LightTarget::Environment);
     }
-    (AREA_SEQUENCE | (number - area_from + area_before), LightTarget::AreaLight)
+    (AREA_LIGHT_INDEX | (number - area_from + area_before), LightTarget::AreaLight)
 }

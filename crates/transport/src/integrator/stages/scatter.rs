@@ -1,14 +1,16 @@
 //! BSDF sampling: the next rays.
 
-use super::bsdf_set;
-use super::mixture::{Mixture, MixtureSample};
-use super::requests::{RequestGroup, Requests};
 use crate::bsdf::{Core, Lobe, Parameters};
-use crate::integrator::events::{PathEvents, ScatteredGroup, WaveContext};
-use crate::integrator::path_states::NonFiniteSamples;
-use crate::integrator::queues::{PathIds, PathRays};
-use crate::integrator::transport::Transport;
-use crate::integrator::vertices::Vertices;
+use crate::integrator::data::context::WaveContext;
+use crate::integrator::data::dimensions;
+use crate::integrator::data::path_states::NonFiniteSamples;
+use crate::integrator::data::queues::{PathIds, PathRays};
+use crate::integrator::data::requests::RequestGroup;
+use crate::integrator::data::transport::Transport;
+use crate::integrator::data::vertices::Vertices;
+use crate::integrator::events::{PathEvents, ScatteredGroup};
+use crate::integrator::stages::mixture::{Mixture, MixtureSample};
+use crate::integrator::stages::requests::Requests;
 use crate::lanes::{F, LANES, Survivors, grow, mask, store, store_bits};
 use crate::sampling::{keys, samples};
 
@@ -71,7 +73,7 @@ fn one_group(
     next: &mut PathRays,
 ) -> ScatteredGroup {
     let (rows, id) = (&group.rows, &group.path_ids);
-    let [lobe, u, v, survive] = samples(id.seed, id.index, bsdf_set(depth));
+    let [lobe, u, v, survive] = samples(id.seed, id.index, dimensions::bsdf(depth));
     let transmits = bsdf.transmits();
     let (ns, wo) = (vertices.ns.load(rows), vertices.wo.load(rows));
     let mixture = Mixture::at(transport, vertices, rows);
@@ -104,7 +106,7 @@ fn one_group(
     let (seed, time) = (survivors.compress_bits(id.seed), survivors.compress(id.time));
     let path_ids = PathIds { path, index, seed, time };
     let ray = (survivors.compress_v3(spawned.origin), survivors.compress_v3(sample.wi));
-    let key = survivors.compress_bits(keys(id.seed, id.index, bsdf_set(depth)));
+    let key = survivors.compress_bits(keys(id.seed, id.index, dimensions::bsdf(depth)));
     let (beta, normal) =
         (survivors.compress_v3(beta), survivors.compress_v3(vertices.light_sampling_normals(rows, transmits)));
     if let Some(medium) = vertices.media(rows, spawned.beyond) {

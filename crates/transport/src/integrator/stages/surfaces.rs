@@ -1,22 +1,16 @@
 //! Vertices on scattering surfaces from hits.
 
-use super::eight_of;
 use crate::bsdf::Surface;
-use crate::integrator::dispersion;
-use crate::integrator::geometry::SurfacePoint;
-use crate::integrator::queues::{PathIds, PathRays, SortedHits};
-use crate::integrator::transport::Transport;
-use crate::integrator::vertices::{BsdfGroup, VertexGroup, Vertices};
+use crate::integrator::data::dimensions;
+use crate::integrator::data::queues::{PathIds, PathRays, SortedHits};
+use crate::integrator::data::transport::Transport;
+use crate::integrator::data::vertices::{BsdfGroup, VertexGroup, Vertices};
+use crate::integrator::stages::eight_of;
+use crate::integrator::surface::dispersion;
+use crate::integrator::surface::geometry::SurfacePoint;
 use crate::lanes::{F, LANES, NUMBERS, Rows, U, V3, eight, load, load_bits};
 use crate::rays::HitBatch;
 use crate::sampling::samples;
-
-/// The surface point that a ray hit.
-#[inline]
-pub fn point<'a>(transport: &'a Transport, rays: &PathRays, hits: &HitBatch, ray: usize) -> SurfacePoint<'a> {
-    let (hit, barycentric) = ((hits.instance[ray], hits.mesh[ray], hits.prim[ray]), (hits.u[ray], hits.v[ray]));
-    transport.geometry.point(transport.scene, hit, barycentric, rays.rays.time(ray))
-}
 
 /// Fills the vertices with hits on scattering surfaces. There are guiding columns if there is a field.
 pub fn vertices(transport: &Transport, sorted: &SortedHits, rays: &PathRays, hits: &HitBatch, vertices: &mut Vertices) {
@@ -67,7 +61,7 @@ fn varying(transport: &Transport, list: &[u32], at: usize, rays: &PathRays, hits
         Rows::From(start) => std::array::from_fn(|lane| (start + lane) as u32),
         Rows::Each(rows) => rows,
     };
-    let points = each.map(|ray| point(transport, rays, hits, ray as usize));
+    let points = each.map(|ray| transport.point(&rays.rays, hits, ray as usize));
     let group_of = |beta, bsdfs, back_facing: &dyn Fn(usize) -> bool| VertexGroup {
         position: V3::gather(points.map(|p| p.position)),
         ng: V3::gather(points.map(|p| p.ng)),
@@ -103,7 +97,7 @@ fn disperse(
     rays: &PathRays,
     rows: &Rows,
 ) -> ([Surface; LANES], V3) {
-    let [number, ..] = samples(load_bits(&rays.seed, rows), load_bits(&rays.index, rows), dispersion::CHANNEL_SET);
+    let [number, ..] = samples(load_bits(&rays.seed, rows), load_bits(&rays.index, rows), dimensions::CHANNEL);
     let beta = eight(|lane| {
         let (surface, beta) =
             dispersion::sample_channel(seen[lane], points[lane].material, beta.lane(lane), number.as_array()[lane]);

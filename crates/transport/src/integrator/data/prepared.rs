@@ -2,10 +2,10 @@
 
 use std::sync::Arc;
 
-use super::geometry::Geometry;
-use super::materials::Materials;
 use crate::Result;
 use crate::film::cryptomatte;
+use crate::integrator::surface::geometry::Geometry;
+use crate::integrator::surface::materials::Materials;
 use crate::light::Lights;
 use crate::rays::{self, Backend, RayQueries};
 use crate::scene::{Camera, Scene};

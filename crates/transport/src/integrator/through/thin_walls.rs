@@ -7,23 +7,19 @@
 
 use glam::Vec3;
 
-use super::back_faces::{BackFaces, beyond};
-use super::events::WaveContext;
-use super::geometry::SurfacePoint;
-use super::materials::transmittance;
-use super::queues::{PathRays, ShadowRays};
-use super::shading_normal;
-use super::transport::Transport;
 use crate::bsdf::{Bsdf, Lobe, Parameters};
+use crate::integrator::data::context::WaveContext;
+use crate::integrator::data::dimensions::{self, MAX_WALLS};
+use crate::integrator::data::history::RayHistory;
+use crate::integrator::data::queues::{PathRays, ShadowRays};
+use crate::integrator::data::transport::Transport;
+use crate::integrator::surface::geometry::SurfacePoint;
+use crate::integrator::surface::materials::transmittance;
+use crate::integrator::surface::shading_normal;
+use crate::integrator::through::back_faces::{BackFaces, beyond};
 use crate::lanes::{F, LANES, U, V3, V3Column, eight};
 use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
 use crate::sampling::samples;
-
-/// Walls that a ray passes at most. Rays that meet more end there, shadow rays as well.
-pub const MAX_WALLS: u32 = 256;
-
-/// Sequence dimensions of the choices at walls.
-const WALL_SET: u32 = 1 << 16;
 
 /// A wall emits in all directions, hence rays must not pass it always.
 const MAX_EMITTER_PROBABILITY: f32 = 0.5;
@@ -77,8 +73,8 @@ impl Passages {
 /// The numbers that decide at wall number `wall` of rays at `depth`.
 #[inline(always)]
 pub fn numbers(seed: U, index: U, depth: u32, wall: u32) -> F {
-    let set = WALL_SET.wrapping_add(depth.wrapping_mul(MAX_WALLS / 4)).wrapping_add(wall / 4);
-    samples(seed, index, set)[wall as usize % 4]
+    let (set, dimension) = dimensions::wall(depth, wall);
+    samples(seed, index, set)[dimension]
 }
 
 /// A ray that has hit a thin wall.
@@ -93,7 +89,7 @@ struct WallHit {
 /// The part of a ray behind the last surface that it has passed.
 #[derive(Debug, Clone, Copy)]
 struct Segment {
-    /// An index into [`Materials::media`](super::Materials::media).
+    /// An index into [`Materials::media`](crate::integrator::Materials::media).
     medium: u32,
     start: f32,
 }
@@ -114,7 +110,14 @@ pub struct ThinWalls {
 impl ThinWalls {
     /// Takes the rays of paths through the walls that they pass: replaces their hits, and multiplies their throughputs.
     #[inline(never)]
-    pub fn pass(&mut self, at: &WaveContext, rays: &mut PathRays, hits: &mut HitBatch, back_faces: &mut BackFaces) {
+    pub fn pass(
+        &mut self,
+        at: &WaveContext,
+        history: &[RayHistory],
+        rays: &mut PathRays,
+        hits: &mut HitBatch,
+        back_faces: &mut BackFaces,
+    ) {
         let transport = at.transport;
         if at.depth == 0 {
             rays.passed_wall.resize(rays.len, false);
@@ -128,7 +131,7 @@ impl ThinWalls {
             for first in (0..self.walls.len()).step_by(LANES) {
                 let (group, n) = self.group(first);
                 let row = group.map(|hit| hit.row as usize);
-                let points = row.map(|row| point(transport, &rays.rays, hits, row));
+                let points = row.map(|row| transport.point(&rays.rays, hits, row));
                 let passages = Passages::at(transport, &points, &row.map(|row| rays.rays.direction(row)), false);
                 let seed = U::from(row.map(|row| rays.seed[row]));
                 let index = U::from(row.map(|row| rays.index[row]));
@@ -148,21 +151,29 @@ impl ThinWalls {
             }
             self.walls.truncate(passing);
             self.trace_behind(transport, &rays.rays, hits);
-            back_faces.pass_rows(at, self.walls.iter().map(|hit| hit.row), rays, hits);
+            back_faces.pass(transport, history, self.walls.iter().map(|hit| hit.row), rays, hits);
             self.keep_walls(transport, hits);
         }
         for row in self.walls.iter().map(|hit| hit.row as usize) {
-            (hits.instance[row], hits.mesh[row], hits.prim[row]) = (MISS, MISS, MISS);
+            hits.set_miss(row);
             rays.beta.set(row, Vec3::ZERO);
+        }
+    }
+
+    /// Tests which shadow rays are occluded, and attenuates the others by what they pass.
+    pub fn occlude(&mut self, transport: &Transport, shadows: &mut ShadowRays) {
+        match transport.materials.has_thin_walls || transport.passes_bodies() {
+            true => self.pass_shadow_rays(transport, shadows),
+            false => transport.rays.occluded(&shadows.rays, RayOrder::Incoherent, &mut shadows.occluded),
         }
     }
 
     /// Tests whether shadow rays are occluded by something else than thin walls, and attenuates their light by the walls. With
     /// [`ShadowRays::bodies`], the rays that may pass bodies of smooth glass do, and media attenuate all of them.
     #[inline(never)]
-    pub fn pass_shadow_rays(&mut self, transport: &Transport, shadows: &mut ShadowRays, occluded: &mut Vec<bool>) {
+    fn pass_shadow_rays(&mut self, transport: &Transport, shadows: &mut ShadowRays) {
         let mut hits = std::mem::take(&mut self.shadow_hits);
-        let ShadowRays { rays, radiance, bodies, through, len, .. } = shadows;
+        let ShadowRays { rays, radiance, bodies, through, occluded, len, .. } = shadows;
         transport.rays.closest_hits(rays, RayOrder::Incoherent, &mut hits);
         through.resize(*len, 1.0);
         let passes = |row: usize| bodies.as_ref().is_some_and(|bodies| bodies.passes[row] != 0);
@@ -215,7 +226,7 @@ impl ThinWalls {
         for first in (0..self.walls.len()).step_by(LANES) {
             let (group, n) = self.group(first);
             let row = group.map(|hit| hit.row as usize);
-            let points = row.map(|row| point(transport, rays, hits, row));
+            let points = row.map(|row| transport.point(rays, hits, row));
             let passages = Passages::at(transport, &points, &row.map(|row| rays.direction(row)), true);
             for lane in 0..n {
                 let row = row[lane];
@@ -297,10 +308,8 @@ impl ThinWalls {
         let more = &self.hits;
         for (from, wall) in self.walls.iter_mut().enumerate() {
             let to = wall.row as usize;
-            let hit = (more.instance[from], more.mesh[from], more.prim[from]);
-            wall.again = hit == (hits.instance[to], hits.mesh[to], hits.prim[to]);
-            (hits.t[to], hits.u[to], hits.v[to]) = (more.t[from], more.u[from], more.v[from]);
-            (hits.instance[to], hits.mesh[to], hits.prim[to]) = hit;
+            wall.again = more.primitive(from) == hits.primitive(to);
+            hits.replace(to, more, from);
         }
     }
 
@@ -317,7 +326,7 @@ pub fn pass_most(transport: &Transport, rays: &RayBatch, hits: &mut HitBatch) {
     for _ in 0..MAX_WALLS {
         walls.walls.retain(|hit| {
             let row = hit.row as usize;
-            let point = point(transport, rays, hits, row);
+            let point = transport.point(rays, hits, row);
             let passages = Passages::at(transport, &[point; LANES], &[rays.direction(row); LANES], false);
             hit.again || passages.probability.as_array()[0] > 0.5
         });
@@ -341,9 +350,4 @@ fn is_passable(transport: &Transport, mesh: u32, passes: &dyn Fn(usize) -> bool,
         let kind = transport.materials.mesh_material(mesh);
         kind.thin_wall || (kind.smooth_body && passes(row))
     }
-}
-
-fn point<'a>(transport: &'a Transport, rays: &RayBatch, hits: &HitBatch, row: usize) -> SurfacePoint<'a> {
-    let (hit, barycentric) = ((hits.instance[row], hits.mesh[row], hits.prim[row]), (hits.u[row], hits.v[row]));
-    transport.geometry.point(transport.scene, hit, barycentric, rays.time(row))
 }

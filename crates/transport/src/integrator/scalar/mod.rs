@@ -1,30 +1,32 @@
 //! A scalar path tracer, one path at a time: the reference for tests of the wave, and the source of `--replay-pixel`. It
 //! shares BSDFs, lights and sample sequences with the wave, but not its queues, sorting and compaction.
 
+mod replay;
 mod straight;
 
 use glam::Vec3;
 
-use super::back_faces::{MIRROR_PDF, beyond, is_culled};
-use super::batch::PixelTask;
-use super::dispersion;
-use super::emission_rays::emission_seed;
-use super::materials::transmittance;
-use super::path_states::clamp_contribution;
-pub use super::replay::{Event, EventKind};
-use super::shading_normal;
-use super::stages::camera_rays::camera_ray;
-use super::stages::mixture::{self, Mixture, MixtureSample};
-use super::stages::requests::{LightTarget, light_sample_index};
-use super::stages::scatter::{ROULETTE_DEPTH, ROULETTE_GAIN};
-use super::stages::{bsdf_set, light_set, roulette_set};
-use super::thin_walls::{self, MAX_WALLS, is_wall};
-use super::transport::Transport;
-use super::{glass_bounces, glass_shadows};
 use crate::balance::deal;
 use crate::bsdf::{Bsdf, Lobe, Parameters};
 use crate::color::luminance;
 use crate::guiding::NO_CELL;
+use crate::integrator::data::dimensions::{self, MAX_WALLS};
+use crate::integrator::data::history::{Bounce, MIRROR_PDF, RayHistory};
+use crate::integrator::data::path_states::clamp_contribution;
+use crate::integrator::data::requests::LightTarget;
+use crate::integrator::data::task::PixelTask;
+use crate::integrator::data::transport::Transport;
+pub use crate::integrator::scalar::replay::{Event, EventKind};
+use crate::integrator::stages::camera_rays::camera_ray;
+use crate::integrator::stages::mixture::{self, Mixture, MixtureSample};
+use crate::integrator::stages::requests::light_sample_index;
+use crate::integrator::stages::scatter::{ROULETTE_DEPTH, ROULETTE_GAIN};
+use crate::integrator::surface::dispersion;
+use crate::integrator::surface::materials::transmittance;
+use crate::integrator::surface::shading_normal;
+use crate::integrator::through::back_faces::{beyond, is_culled};
+use crate::integrator::through::emission_rays::emission_seed;
+use crate::integrator::through::thin_walls::{self, is_wall};
 use crate::lanes::{F, LANES, U, V3, unit_interval};
 use crate::light::{LightSampleContext, punctual};
 use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
@@ -50,17 +52,12 @@ struct Ray {
     medium: u32,
     /// Roulette probability of the light sample at the origin.
     light_probability: f32,
-    /// Is it a camera ray or a mirror image of one?
-    is_mirror_image: bool,
-    /// State of the path for [`glass_shadows`].
-    state: u8,
-    /// Bounces of the path that do not count ([`glass_bounces`]).
-    glass_bounces: u8,
+    history: RayHistory,
     /// Time in [0, 1] of the shutter interval.
     time: f32,
 }
 
-/// A path vertex on a surface. Fields without a comment are those of [`Vertices`](super::vertices::Vertices).
+/// A path vertex on a surface. Fields without a comment are those of [`Vertices`](crate::integrator::data::vertices::Vertices).
 struct Vertex {
     origin: Vec3,
     position: Vec3,
@@ -78,12 +75,8 @@ struct Vertex {
     cell: u32,
     /// Roulette probabilities of the light sample and of continuing the path, if the field sets them.
     roulette: Option<[f32; 2]>,
-    /// Is it seen by the camera or in mirrors?
-    is_mirror_image: bool,
-    /// State for [`glass_shadows`] of the ray that arrived.
-    state: u8,
-    /// Bounces before that do not count.
-    glass_bounces: u8,
+    /// History of the ray that arrived.
+    history: RayHistory,
     /// Time in [0, 1] of the shutter interval.
     time: f32,
 }
@@ -125,7 +118,7 @@ struct Tracer<'a> {
     seed: u32,
     /// Samples per path at the first surface: environment, area lights, BSDF.
     samples_per_path: [f32; 3],
-    /// Do other camera rays find the emission that the camera sees directly ([`emission_rays`](super::emission_rays))?
+    /// Do other camera rays find the emission that the camera sees directly ([`emission_rays`](crate::integrator::through::emission_rays))?
     skips_visible_emission: bool,
     report: &'a mut dyn FnMut(Event),
 }
@@ -177,16 +170,14 @@ impl<'a> Tracer<'a> {
         let ray = Ray {
             origin: origin.lane(0),
             direction: direction.lane(0),
-            key: key(seed, index, 0),
+            key: key(seed, index, dimensions::CAMERA),
             beta: Vec3::ONE,
             normal: Vec3::ZERO,
             weighted_pdf: 0.0,
             index,
             medium: 0,
             light_probability: 1.0,
-            is_mirror_image: true,
-            state: 0,
-            glass_bounces: 0,
+            history: RayHistory::CAMERA,
             time: time.as_array()[0],
         };
         (tracer, ray)
@@ -209,19 +200,18 @@ impl<'a> Tracer<'a> {
         rays.push(origin, direction, near.as_array()[0], far.as_array()[0], ray.key);
         rays.time.extend(t.geometry.moves.then_some(ray.time));
         t.rays.closest_hits(&rays, RayOrder::Incoherent, &mut hits);
-        let culls = t.culls_back_faces && ray.is_mirror_image;
+        let culls = t.culls_back_faces && ray.history.is_mirror_image();
         // No light sample has the direction of a ray that has passed a back face.
         let mut one_technique = depth == 0;
-        let hit = |hits: &HitBatch| (hits.instance[0], hits.mesh[0], hits.prim[0]);
         let (mut beta, mut walls, mut last_wall) = (ray.beta, 0, None);
         loop {
-            if culls && is_culled(t, hit(&hits), || direction, || ray.time) {
+            if culls && is_culled(t, hits.primitive(0), || direction, || ray.time) {
                 one_technique = true;
             } else if is_wall(t, hits.mesh[0]) {
                 if walls == MAX_WALLS {
                     return Vec3::ZERO;
                 }
-                if last_wall != Some(hit(&hits)) {
+                if last_wall != Some(hits.primitive(0)) {
                     let passages = self.passages(&hits, direction, ray.time, false);
                     let number =
                         thin_walls::numbers(U::splat(self.seed), U::splat(ray.index), depth, walls).as_array()[0];
@@ -232,7 +222,7 @@ impl<'a> Tracer<'a> {
                     }
                     self.report(depth, EventKind::PassesWall { weight: passages.weight.lane(0), t: hits.t[0] });
                 }
-                last_wall = Some(hit(&hits));
+                last_wall = Some(hits.primitive(0));
                 walls += 1;
             } else {
                 break;
@@ -242,23 +232,51 @@ impl<'a> Tracer<'a> {
         }
         let ray = &Ray { beta, ..*ray };
         let straight = if t.passes_bodies() { self.straight_behind_bodies(ray, depth, &hits) } else { Vec3::ZERO };
-        straight + self.trace_hit(ray, depth, (&hits, one_technique, walls > 0), light, bsdf)
+        // The medium of a camera ray is that of the boundary that it hits from inside.
+        let medium = match depth {
+            0 if hits.mesh[0] != MISS => {
+                t.materials.media_at_surface(hits.mesh[0], t.point(&rays, &hits, 0).is_back_facing(direction), 0)[0]
+            }
+            _ => ray.medium,
+        };
+        let left =
+            if hits.mesh[0] == MISS { Vec3::ONE } else { transmittance(t.materials.media[medium as usize], hits.t[0]) };
+        let ray = &Ray { beta: ray.beta * left, medium, ..*ray };
+        let emission = self.emission_at(ray, depth, &hits, (one_technique, walls > 0));
+        if hits.mesh[0] == MISS || t.materials.mesh_material(hits.mesh[0]).unlit {
+            return straight + emission;
+        }
+        if !ray.history.scatters(t, depth) {
+            self.report(depth, EventKind::Ends { reason: "--max-depth" });
+            return straight + emission;
+        }
+        let vertex = self.vertex(ray, depth, &hits);
+        let mut sum = straight + emission;
+        for &(index, toward) in light {
+            sum += self.light_sample(&vertex, depth, index, toward);
+        }
+        if t.lights.punctual {
+            sum += self.punctual_sample(&vertex, depth, ray.index);
+        }
+        for &index in bsdf {
+            sum += self.bsdf_sample(&vertex, depth, index);
+        }
+        sum
     }
 
-    /// Radiance along a ray that has hit something or nothing.
-    fn trace_hit(
+    /// Emission at the end of a ray, whose throughput is that at the hit.
+    fn emission_at(
         &mut self,
         ray: &Ray,
         depth: u32,
-        (hits, one_technique, passed_wall): (&HitBatch, bool, bool),
-        light: &[(u32, LightTarget)],
-        bsdf: &[u32],
+        hits: &HitBatch,
+        (one_technique, passed_wall): (bool, bool),
     ) -> Vec3 {
         let t = self.transport;
         let Ray { origin, direction, .. } = *ray;
-        let excluded = t.passes_bodies() && ray.state & glass_shadows::REFRACTED != 0;
-        let (instance, mesh, prim, distance) = (hits.instance[0], hits.mesh[0], hits.prim[0], hits.t[0]);
-        if mesh == MISS {
+        let excluded = ray.history.is_refracted();
+        let (hit, distance) = (hits.primitive(0), hits.t[0]);
+        if hit.mesh == MISS {
             self.report(depth, EventKind::Escape);
             if excluded || t.lights.environment.is_none() || (depth == 0 && !passed_wall && t.hides_environment) {
                 return Vec3::ZERO;
@@ -268,37 +286,31 @@ impl<'a> Tracer<'a> {
             return self.emission(ray, depth, radiance.lane(0), [pdf, 0.0]);
         }
         let barycentric = (hits.u[0], hits.v[0]);
-        let point = t.geometry.point(t.scene, (instance, mesh, prim), barycentric, ray.time);
+        let point = t.geometry.point(t.scene, hit, barycentric, ray.time);
         let material = point.mesh.material;
-        self.report(depth, EventKind::Hit { instance, mesh, material, t: distance });
-        let back_facing = point.is_back_facing(direction);
-        let medium = if depth == 0 { t.materials.media_at_surface(mesh, back_facing, 0)[0] } else { ray.medium };
-        let beta = ray.beta * transmittance(t.materials.media[medium as usize], distance);
-        let ray = &Ray { beta, ..*ray };
+        self.report(depth, EventKind::Hit { instance: hit.instance, mesh: hit.mesh, material, t: distance });
         if point.material.unlit {
             // It is seen, but gives no light.
-            if !ray.is_mirror_image {
-                return Vec3::ZERO;
-            }
-            return self.emission(ray, depth, point.base_color(t.scene), [0.0; 2]);
+            let seen = ray.history.is_mirror_image();
+            return if seen { self.emission(ray, depth, point.base_color(t.scene), [0.0; 2]) } else { Vec3::ZERO };
         }
-        let mut radiance_sum = Vec3::ZERO;
-        if t.materials.mesh_material(mesh).emits && point.emits_against(direction) && !excluded {
-            let radiance = point.emitted_radiance(t.scene, prim, barycentric, direction);
-            let from = (origin, ray.normal);
-            let hit = (instance, mesh, prim);
-            let at = (t.scene, ray.time);
-            let pdf = if one_technique {
-                0.0
-            } else {
-                t.lights.area_pdf(at, from, hit, direction, distance, &t.proposal.lights)
-            };
-            radiance_sum += self.emission(ray, depth, radiance, [0.0, pdf]);
+        if !t.materials.mesh_material(hit.mesh).emits || !point.emits_against(direction) || excluded {
+            return Vec3::ZERO;
         }
-        if !glass_bounces::scatters(t, depth, ray.glass_bounces) {
-            self.report(depth, EventKind::Ends { reason: "--max-depth" });
-            return radiance_sum;
-        }
+        let radiance = point.emitted_radiance(t.scene, hit.prim, barycentric, direction);
+        let (from, at) = ((origin, ray.normal), (t.scene, ray.time));
+        let pdf = match one_technique {
+            true => 0.0,
+            false => t.lights.area_pdf(at, from, hit, direction, distance, &t.proposal.lights),
+        };
+        self.emission(ray, depth, radiance, [0.0, pdf])
+    }
+
+    /// The vertex where a ray hits a surface.
+    fn vertex(&self, ray: &Ray, depth: u32, hits: &HitBatch) -> Vertex {
+        let t = self.transport;
+        let direction = ray.direction;
+        let point = t.geometry.point(t.scene, hits.primitive(0), (hits.u[0], hits.v[0]), ray.time);
         // Normals are turned to the side of wo.
         let wo = -direction;
         let front = point.ng.normalize_or(wo);
@@ -306,7 +318,7 @@ impl<'a> Tracer<'a> {
         let ng = front * side;
         let ns = point.ns.normalize_or(front) * side;
         let ns = shading_normal::consistent(V3::splat(ng), V3::splat(ns), V3::splat(wo)).lane(0);
-        let [color, ..] = self.sequence.sample(ray.index, dispersion::CHANNEL_SET);
+        let [color, ..] = self.sequence.sample(ray.index, dimensions::CHANNEL);
         let (seen, beta) =
             dispersion::sample_channel(point.surface_from(t.scene, direction), point.material, ray.beta, color);
         let surface = seen.bsdf();
@@ -316,7 +328,7 @@ impl<'a> Tracer<'a> {
         let luminances = F::splat(luminance(beta));
         let roulette =
             cells.filter(|_| depth > 0).and_then(|(field, cells)| field.roulette_probabilities(cells, luminances));
-        let vertex = Vertex {
+        Vertex {
             origin,
             position: point.position,
             ng,
@@ -326,26 +338,14 @@ impl<'a> Tracer<'a> {
             bsdf: scattering,
             transmits: scattering.transmits().any(),
             origin_offset: point.origin_offset,
-            media: t.materials.media_at_surface(mesh, back_facing, medium),
+            media: t.materials.media_at_surface(hits.mesh[0], point.is_back_facing(direction), ray.medium),
             cell: cells
                 .filter(|_| mixture::is_diffuse(&scattering).any())
                 .map_or(NO_CELL, |(field, cells)| field.guiding_cells(cells)[0]),
             roulette: roulette.map(|roulette| roulette.map(|probability| probability.as_array()[0])),
-            is_mirror_image: ray.is_mirror_image,
-            state: ray.state,
-            glass_bounces: ray.glass_bounces,
+            history: ray.history,
             time: ray.time,
-        };
-        for &(index, toward) in light {
-            radiance_sum += self.light_sample(&vertex, depth, index, toward);
         }
-        if t.lights.punctual {
-            radiance_sum += self.punctual_sample(&vertex, depth, ray.index);
-        }
-        for &index in bsdf {
-            radiance_sum += self.bsdf_sample(&vertex, depth, index);
-        }
-        radiance_sum
     }
 
     fn mixture(&self, vertex: &Vertex) -> Option<Mixture<'_>> {
@@ -383,11 +383,11 @@ impl<'a> Tracer<'a> {
         }
         let probability = vertex.roulette.map_or(1.0, |[light, _]| light);
         let [a_env, a_area, a_b] = self.samples_per_path(depth);
-        let number = unit_interval(U::splat(key(self.seed, index, roulette_set(depth)))).as_array()[0];
+        let number = unit_interval(U::splat(key(self.seed, index, dimensions::roulette(depth)))).as_array()[0];
         if vertex.roulette.is_some() && number >= probability {
             return Vec3::ZERO;
         }
-        let [choice, u, v, _] = self.sequence.sample(index, light_set(depth));
+        let [choice, u, v, _] = self.sequence.sample(index, dimensions::light(depth));
         let (drawn, left) = t.proposal.lights.draw_kind(F::splat(choice));
         let environment = match toward {
             LightTarget::Random => drawn.to_bitmask() & 1 == 1,
@@ -419,7 +419,7 @@ impl<'a> Tracer<'a> {
     }
 
     fn punctual_sample(&mut self, vertex: &Vertex, depth: u32, index: u32) -> Vec3 {
-        let [.., choice] = self.sequence.sample(index, light_set(depth));
+        let [.., choice] = self.sequence.sample(index, dimensions::light(depth));
         let sample = punctual::choose(&self.transport.scene.lights, vertex.position, choice, vertex.time);
         let Some(light) = sample else { return Vec3::ZERO };
         let (ns, wo) = (V3::splat(vertex.ns), V3::splat(vertex.wo));
@@ -444,14 +444,14 @@ impl<'a> Tracer<'a> {
         let absorption = self.transport.materials.media[if passes_bodies { 0 } else { medium as usize }];
         let radiance = radiance * transmittance(absorption, distance);
         let refracted = vertex.ng.dot(wi) < 0.0 && bsdf_pdf >= MIRROR_PDF && vertex.is_smooth();
-        let excluded = passes_bodies && vertex.state & glass_shadows::AFTER_ROUGH != 0 && refracted;
+        let excluded = vertex.history.is_after_rough() && refracted;
         let contributes = allowed && !excluded && radiance.max_element() > 0.0 && radiance.is_finite();
         if !contributes {
             self.report(depth, EventKind::LightSample { toward, wi, distance, radiance: Vec3::ZERO, occluded: false });
             return Vec3::ZERO;
         }
         let mut rays = RayBatch::default();
-        let key = hash(key(self.seed, index, light_set(depth)));
+        let key = hash(key(self.seed, index, dimensions::light(depth)));
         rays.push(origin, wi, 0.0, end, key);
         rays.time.extend(self.transport.geometry.moves.then_some(vertex.time));
         let radiance = radiance * self.unoccluded(rays, bsdf_pdf < MIRROR_PDF, medium);
@@ -462,7 +462,7 @@ impl<'a> Tracer<'a> {
     }
 
     fn bsdf_sample(&mut self, vertex: &Vertex, depth: u32, index: u32) -> Vec3 {
-        let [lobe, u, v, survive] = self.sequence.sample(index, bsdf_set(depth));
+        let [lobe, u, v, survive] = self.sequence.sample(index, dimensions::bsdf(depth));
         let (ns, wo) = (V3::splat(vertex.ns), V3::splat(vertex.wo));
         let numbers = [lobe, u, v].map(F::splat);
         let mixture = self.mixture(vertex);
@@ -495,19 +495,22 @@ impl<'a> Tracer<'a> {
         let ray = Ray {
             origin,
             direction: wi,
-            key: key(self.seed, index, bsdf_set(depth)),
+            key: key(self.seed, index, dimensions::bsdf(depth)),
             beta,
             normal: vertex.light_sampling_normal(),
             weighted_pdf,
             index,
             medium,
             light_probability: vertex.roulette.map_or(1.0, |[light, _]| light),
-            is_mirror_image: vertex.is_mirror_image && pdfs[0].as_array()[0] >= MIRROR_PDF,
-            glass_bounces: match self.transport.materials.has_smooth_bodies {
-                true => glass_bounces::after(vertex.glass_bounces, pdf, vertex.is_smooth(), vertex.ng.dot(wi) < 0.0),
-                false => 0,
-            },
-            state: glass_shadows::state_after(vertex.state, pdf, vertex.ng.dot(wi) < 0.0 && vertex.is_smooth()),
+            history: vertex.history.after(
+                self.transport,
+                &Bounce {
+                    pdf,
+                    bsdf_pdf: pdfs[0].as_array()[0],
+                    beyond: vertex.ng.dot(wi) < 0.0,
+                    smooth: self.transport.materials.has_smooth_bodies && vertex.is_smooth(),
+                },
+            ),
             time: vertex.time,
         };
         self.trace_ray(&ray, depth + 1, &[(index, LightTarget::Random)], &[index])

@@ -2,15 +2,15 @@
 
 use std::time::Instant;
 
-use super::events::WaveContext;
-use super::path_states::NonFiniteSamples;
+use super::context::WaveContext;
+use crate::integrator::data::path_states::NonFiniteSamples;
 
 /// Ray counts and query time of waves.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct WaveCounts {
     /// Camera rays.
     pub camera_rays: u64,
-    /// Camera rays for directly visible emission alone ([`emission_rays`](super::emission_rays)).
+    /// Camera rays for directly visible emission alone ([`emission_rays`](crate::integrator::through::emission_rays)).
     pub emission_rays: u64,
     /// Rays of the first bounce.
     pub first_bounce_rays: u64,
@@ -46,7 +46,7 @@ impl WaveCounts {
         }
     }
 
-    pub(super) fn add_not_finite(&mut self, at: &WaveContext, samples: &NonFiniteSamples) {
+    pub(in crate::integrator) fn add_not_finite(&mut self, at: &WaveContext, samples: &NonFiniteSamples) {
         self.not_finite += samples.count;
         if let (None, Some(path)) = (self.first_not_finite, samples.first) {
             let pixel = at.pixel(path);
@@ -56,7 +56,7 @@ impl WaveCounts {
         }
     }
 
-    pub(super) fn add_rays(&mut self, depth: u32, n: usize) {
+    pub(in crate::integrator) fn add_rays(&mut self, depth: u32, n: usize) {
         match depth {
             0 => self.camera_rays += n as u64,
             1 => self.first_bounce_rays += n as u64,
@@ -66,7 +66,7 @@ impl WaveCounts {
 }
 
 /// Runs a ray query and adds its time.
-pub(super) fn timed(counts: &mut WaveCounts, query: impl FnOnce()) {
+pub(in crate::integrator) fn timed(counts: &mut WaveCounts, query: impl FnOnce()) {
     let start = Instant::now();
     query();
     counts.query_seconds += start.elapsed().as_secs_f64();

@@ -27,7 +27,7 @@ impl<'a> Proposal<'a> {
     }
 
     /// Does a guiding field set the roulette probabilities of light samples and of path continuation beyond first surfaces?
-    pub(super) fn has_roulette(&self) -> bool {
+    pub(in crate::integrator) fn has_roulette(&self) -> bool {
         self.field.is_some_and(Field::has_roulette)
     }
 }

@@ -2,10 +2,11 @@
 
 use wide::bytemuck::cast;
 
-use super::queues::PathIds;
-use super::shading_normal;
-use super::transport::Transport;
-use crate::bsdf::{Bsdf, Core, LobeSet, Parameters};
+use super::history::MIRROR_PDF;
+use crate::bsdf::{Bsdf, Core, Lobe, LobeSet, Parameters};
+use crate::integrator::data::queues::PathIds;
+use crate::integrator::data::transport::Transport;
+use crate::integrator::surface::shading_normal;
 use crate::lanes::{F, LANES, Rows, U, V3, V3Column, grow, load, load_bits, store, store_bits};
 
 /// Path vertices, one per row. Vectors are in world space.
@@ -32,7 +33,7 @@ pub struct Vertices {
     pub ray: Vec<u32>,
     /// Seed of the pixel's sequence.
     pub seed: Vec<u32>,
-    /// Media on the side of `wo` and beyond the surface, indices into [`Materials::media`](super::Materials::media); present if
+    /// Media on the side of `wo` and beyond the surface, indices into [`Materials::media`](crate::integrator::Materials::media); present if
     /// one absorbs.
     pub media: Option<[Vec<u32>; 2]>,
     /// Columns for path guiding; present if there is a field.
@@ -63,6 +64,15 @@ pub struct SpawnedRays {
     pub allowed: F,
     /// Mask: the ray crosses the surface.
     pub beyond: F,
+}
+
+/// What the shadow rays of eight light samples do at bodies of smooth glass.
+#[derive(Debug, Clone, Copy)]
+pub struct ShadowPolicy {
+    /// Mask: they pass bodies.
+    pub passes: F,
+    /// Mask: they are left out.
+    pub excluded: F,
 }
 
 /// The BSDFs of eight points.
@@ -205,6 +215,27 @@ impl Vertices {
     pub fn roulette(&self, transport: &Transport, rows: &Rows) -> Option<[F; 2]> {
         let guiding = self.guiding.as_ref().filter(|_| transport.proposal.has_roulette())?;
         Some([load(&guiding.roulette[0], rows), load(&guiding.roulette[1], rows)])
+    }
+
+    /// Mask of the vertices on smooth glass.
+    #[inline(never)]
+    pub fn is_smooth_glass(&self, rows: &Rows, bsdf: &impl Lobe) -> F {
+        let straight = bsdf.straight(self.ns.load(rows), self.wo.load(rows), F::ONE, true);
+        straight.weight.max_element().simd_gt(F::ZERO)
+    }
+
+    /// What shadow rays of light samples with these BSDF densities do at bodies of glass; those in the mask `beyond` cross the
+    /// surface. `None` where shadow rays do not pass bodies.
+    #[inline(always)]
+    pub fn shadow_policy(&self, rows: &Rows, bsdf: &impl Lobe, bsdf_pdf: F, beyond: F) -> Option<ShadowPolicy> {
+        if self.after_rough.is_empty() {
+            return None;
+        }
+        let passes = bsdf_pdf.simd_lt(F::splat(MIRROR_PDF));
+        let after_rough: F = cast(load_bits(&self.after_rough, rows));
+        let refracted = after_rough & beyond & !passes;
+        let excluded = if refracted.any() { refracted & self.is_smooth_glass(rows, bsdf) } else { F::ZERO };
+        Some(ShadowPolicy { passes, excluded })
     }
 
     /// Do the vertices have times?

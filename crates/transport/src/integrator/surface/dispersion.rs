@@ -7,9 +7,6 @@ use glam::Vec3;
 use crate::bsdf::Surface;
 use crate::scene::Material;
 
-/// Sequence dimensions of the choice: the same at all vertices of a path, since only the first dispersive one chooses.
-pub const CHANNEL_SET: u32 = u32::MAX;
-
 /// Chooses a channel by `number`, uniform in [0, 1), for a path of throughput `beta`. Returns the surface with the channel's
 /// index of refraction and the new throughput; both are unchanged where the material does not disperse.
 #[inline]

@@ -1,13 +1,15 @@
 //! The read-only input of path tracing.
 
-use super::camera::CameraRays;
-use super::geometry::Geometry;
-use super::materials::Materials;
-use super::prepared::Names;
-use super::proposal::Proposal;
 use crate::balance::{Counts, Heuristic};
+use crate::integrator::data::camera::CameraRays;
+use crate::integrator::data::dimensions::MAX_SEGMENTS;
+use crate::integrator::data::prepared::Names;
+use crate::integrator::data::proposal::Proposal;
+use crate::integrator::surface::geometry::Geometry;
+use crate::integrator::surface::geometry::SurfacePoint;
+use crate::integrator::surface::materials::Materials;
 use crate::light::Lights;
-use crate::rays::RayQueries;
+use crate::rays::{HitBatch, RayBatch, RayQueries};
 use crate::sampling::FilterSampler;
 use crate::scene::Scene;
 
@@ -35,7 +37,7 @@ pub struct Transport<'a> {
     pub filter: FilterSampler,
     /// MIS heuristic.
     pub heuristic: Heuristic,
-    /// Largest number of path segments, less those after bounces that do not count ([`glass_bounces`](super::glass_bounces)).
+    /// Largest number of path segments, less those after bounces that do not count ([`RayHistory`](super::history::RayHistory)).
     pub max_depth: u32,
     /// Seed of all random sequences.
     pub seed: u32,
@@ -45,11 +47,11 @@ pub struct Transport<'a> {
     /// Is the environment invisible to camera rays?
     pub hides_environment: bool,
     /// Do rays from the camera and their mirror images pass back faces of single-sided materials
-    /// ([`back_faces`](super::back_faces))?
+    /// ([`back_faces`](crate::integrator::through::back_faces))?
     pub culls_back_faces: bool,
-    /// Do shadow rays pass bodies of smooth glass, straight ([`glass_shadows`](super::glass_shadows))?
+    /// Do shadow rays pass bodies of smooth glass, straight ([`glass_shadows`](crate::integrator::through::glass_shadows))?
     pub straight_glass_shadows: bool,
-    /// Height in metres of the ground that catches shadows ([`ground`](super::clients::ground)), if there is one.
+    /// Height in metres of the ground that catches shadows ([`ground`](crate::integrator::clients::ground)), if there is one.
     pub ground: Option<f32>,
     /// What light samples and directions are drawn by.
     pub proposal: Proposal<'a>,
@@ -58,7 +60,14 @@ pub struct Transport<'a> {
 impl Transport<'_> {
     /// Largest number of path segments, all counted.
     pub fn longest_path(&self) -> u32 {
-        self.max_depth.saturating_add(if self.materials.has_smooth_bodies { MAX_GLASS_BOUNCES } else { 0 })
+        let uncounted = if self.materials.has_smooth_bodies { MAX_GLASS_BOUNCES } else { 0 };
+        self.max_depth.saturating_add(uncounted).min(MAX_SEGMENTS)
+    }
+
+    /// The surface point that a ray hit.
+    #[inline]
+    pub fn point(&self, rays: &RayBatch, hits: &HitBatch, ray: usize) -> SurfacePoint<'_> {
+        self.geometry.point(self.scene, hits.primitive(ray), (hits.u[ray], hits.v[ray]), rays.time(ray))
     }
 
     /// One sample of each technique per path, where lights can be sampled; for paths whose light share nobody learns.
@@ -66,13 +75,18 @@ impl Transport<'_> {
         if self.lights.has_extent() { Counts::half(paths) } else { Counts::bsdf_only(paths) }
     }
 
+    /// Does the wave cull back faces?
+    pub(in crate::integrator) fn culls(&self) -> bool {
+        self.culls_back_faces && self.materials.has_single_sided
+    }
+
     /// Do shadow rays pass bodies of smooth glass, and are there any?
-    pub(super) fn passes_bodies(&self) -> bool {
+    pub(in crate::integrator) fn passes_bodies(&self) -> bool {
         self.straight_glass_shadows && self.materials.has_smooth_bodies
     }
 
     /// Samples per path beyond first surfaces (environment, area lights, BSDF): one light sample and one BSDF sample.
-    pub(super) fn deeper_samples_per_path(&self) -> [f32; 3] {
+    pub(in crate::integrator) fn deeper_samples_per_path(&self) -> [f32; 3] {
         Counts::half(1).samples_per_path(self.proposal.lights.environment_probability)
     }
 }

@@ -2,11 +2,12 @@
 
 use glam::{Affine3A, Vec2, Vec3};
 
-use super::transport::Transport;
+use crate::integrator::data::transport::Transport;
+use crate::scene::Primitive;
 
 /// Displacement of a surface point in pixels to the right and up: from the previous frame to this one, and from this one to
 /// the next. The point has the barycentric weights (`u`, `v`) on triangle `prim`. Zero where it is behind the camera.
-pub fn velocity(transport: &Transport, (instance, mesh, prim): (u32, u32, u32), (u, v): (f32, f32)) -> [Vec2; 2] {
+pub fn velocity(transport: &Transport, Primitive { instance, mesh, prim }: Primitive, (u, v): (f32, f32)) -> [Vec2; 2] {
     let scene = transport.scene;
     let (mesh, instance) = (&scene.meshes[mesh as usize], &scene.instances[instance as usize]);
     let camera = &transport.camera;

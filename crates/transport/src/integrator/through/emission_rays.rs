@@ -7,14 +7,15 @@
 
 use glam::Vec3;
 
-use super::back_faces::BackFaces;
-use super::counts::{WaveCounts, timed};
-use super::events::{FoundEmission, PathEvents, WaveContext};
-use super::path_states::NonFiniteSamples;
-use super::queues::{PathIds, PathRays, SortedHits};
-use super::stages::camera_rays::{camera_ray, clip};
-use super::stages::{emission, media};
-use super::thin_walls::ThinWalls;
+use super::passing::Passing;
+use crate::integrator::data::context::WaveContext;
+use crate::integrator::data::counts::{WaveCounts, timed};
+use crate::integrator::data::dimensions;
+use crate::integrator::data::path_states::PathLight;
+use crate::integrator::data::queues::{PathIds, PathRays, SortedHits};
+use crate::integrator::events::{FoundEmission, PathEvents};
+use crate::integrator::stages::camera_rays::{camera_ray, clip};
+use crate::integrator::stages::{emission, media};
 use crate::lanes::{F, LANES, NUMBERS, U, V3};
 use crate::rays::{HitBatch, MISS, RayOrder};
 use crate::sampling::{hash, keys, pixel_seed};
@@ -31,7 +32,6 @@ pub struct EmissionRays {
     hits: HitBatch,
     sorted: SortedHits,
     found: Vec<FoundEmission>,
-    back_faces: BackFaces,
 }
 
 impl EmissionRays {
@@ -42,9 +42,9 @@ impl EmissionRays {
         &mut self,
         at: &WaveContext,
         sorted: &mut SortedHits,
-        walls: &mut ThinWalls,
-        (radiance, non_finite): (&mut [Vec3], &mut NonFiniteSamples),
-        events: &mut E,
+        passing: &mut Passing,
+        light: &mut PathLight,
+        clients: &mut E,
         counts: &mut WaveCounts,
     ) {
         let Some(numbers) = at.transport.proposal.emission_rays else { return };
@@ -55,10 +55,8 @@ impl EmissionRays {
         for rows in [&mut sorted.escaped, &mut sorted.emissive] {
             rows.retain(|path| of(at.pixel(*path)) == 1);
         }
-        self.back_faces.begin(at);
         // Rays of a batch have the numbers of camera rays.
         let capacity = at.paths.len();
-        let mut light = (radiance, non_finite);
         self.rays.open(capacity, at.transport.geometry.moves, 0);
         let mut first_path = 0;
         for (pixel, task) in at.tasks.iter().enumerate() {
@@ -67,7 +65,7 @@ impl EmissionRays {
             let mut next = 0;
             while next < all {
                 if self.rays.len == capacity {
-                    self.add(at, walls, &mut light, events, counts);
+                    self.add(at, passing, light, clients, counts);
                 }
                 let n = LANES.min(capacity - self.rays.len).min((all - next) as usize);
                 self.push(at, [pixel as u32, first_path, per_path], next, n);
@@ -75,7 +73,7 @@ impl EmissionRays {
             }
             first_path += task.counts.paths;
         }
-        self.add(at, walls, &mut light, events, counts);
+        self.add(at, passing, light, clients, counts);
     }
 
     /// Appends `n` rays of a pixel from number `first` on. Its first path in the wave has the number `first_path`.
@@ -87,7 +85,7 @@ impl EmissionRays {
         let (ray, time) = camera_ray(at.transport, [task.x, task.y], seed, index);
         let beta = V3::splat(Vec3::splat(1.0 / per_path as f32));
         let path_ids = PathIds { path, index, seed, time };
-        self.rays.push(n, ray, keys(seed, index, 0), beta, V3::ZERO, F::ZERO, path_ids);
+        self.rays.push(n, ray, keys(seed, index, dimensions::CAMERA), beta, V3::ZERO, F::ZERO, path_ids);
         clip(at.transport, &mut self.rays, n);
     }
 
@@ -95,20 +93,18 @@ impl EmissionRays {
     fn add<E: PathEvents>(
         &mut self,
         at: &WaveContext,
-        walls: &mut ThinWalls,
-        (radiance, non_finite): &mut (&mut [Vec3], &mut NonFiniteSamples),
-        events: &mut E,
+        passing: &mut Passing,
+        light: &mut PathLight,
+        clients: &mut E,
         counts: &mut WaveCounts,
     ) {
-        let Self { rays, hits, sorted, found, back_faces } = self;
+        let Self { rays, hits, sorted, found } = self;
         let transport = at.transport;
         rays.close();
         counts.emission_rays += rays.len as u64;
         timed(counts, || transport.rays.closest_hits(&rays.rays, RayOrder::Coherent, hits));
-        back_faces.pass(at, rays, hits);
-        if transport.materials.has_thin_walls {
-            walls.pass(at, rays, hits, back_faces);
-        }
+        passing.pass_back_faces(transport, rays, hits);
+        passing.pass_thin_walls(at, rays, hits);
         sorted.clear();
         for (row, &mesh) in (0..).zip(&hits.mesh[..rays.len]) {
             match mesh {
@@ -117,10 +113,8 @@ impl EmissionRays {
                 _ => {}
             }
         }
-        if transport.materials.absorbs() {
-            media::attenuate(transport, at.depth, rays, hits);
-        }
-        emission::add(at, sorted, rays, hits, found, (&mut **radiance, &mut **non_finite), events);
+        media::attenuate(transport, at.depth, rays, hits);
+        emission::add(at, &[], sorted, rays, hits, found, light, clients);
         rays.open(at.paths.len(), transport.geometry.moves, 0);
     }
 }

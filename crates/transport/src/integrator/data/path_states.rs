@@ -2,8 +2,8 @@
 
 use glam::Vec3;
 
-use super::batch::PixelTask;
 use crate::balance::deal;
+use crate::integrator::data::task::PixelTask;
 use crate::lanes::{LANES, U};
 
 /// A path of the wave: the samples that it takes at its first surface.
@@ -56,15 +56,22 @@ pub fn clamp_contribution(radiance: Vec3, limit: f32) -> (Vec3, f32) {
     if peak > limit { (radiance * (limit / peak), limit / peak) } else { (radiance, 1.0) }
 }
 
-/// The paths of a wave, with their radiance.
+/// The light that the paths of a wave have found.
 #[derive(Debug, Default)]
-pub struct PathStates {
-    /// The paths, pixel by pixel.
-    pub paths: Vec<PathState>,
+pub struct PathLight {
     /// By path, its radiance so far, linear RGB.
     pub radiance: Vec<Vec3>,
     /// Discarded samples.
     pub non_finite: NonFiniteSamples,
+}
+
+/// The paths of a wave, with their light.
+#[derive(Debug, Default)]
+pub struct PathStates {
+    /// The paths, pixel by pixel.
+    pub paths: Vec<PathState>,
+    /// What they have found.
+    pub light: PathLight,
 }
 
 impl PathStates {
@@ -72,7 +79,7 @@ impl PathStates {
     /// of [`LightProposal`](crate::light::LightProposal).
     pub fn start_paths(&mut self, tasks: &[PixelTask], environment_probability: f32) {
         self.paths.clear();
-        self.non_finite = NonFiniteSamples::default();
+        self.light.non_finite = NonFiniteSamples::default();
         for (pixel, task) in tasks.iter().enumerate() {
             let (mut first_light, mut first_bsdf) = (task.first_light, task.first_bsdf);
             let samples_per_path = task.weighed.samples_per_path(environment_probability);
@@ -91,7 +98,7 @@ impl PathStates {
                 first_bsdf += u32::from(bsdf);
             }
         }
-        self.radiance.clear();
-        self.radiance.resize(self.paths.len(), Vec3::ZERO);
+        self.light.radiance.clear();
+        self.light.radiance.resize(self.paths.len(), Vec3::ZERO);
     }
 }

@@ -28,10 +28,10 @@ pub struct MeshMaterial {
     pub unlit: bool,
     /// Does it have a front only, and let no light through?
     pub single_sided: bool,
-    /// Is it a thin wall that light may pass straight on ([`thin_walls`](super::thin_walls))? Textures decide at each point.
+    /// Is it a thin wall that light may pass straight on ([`thin_walls`](crate::integrator::through::thin_walls))? Textures decide at each point.
     pub thin_wall: bool,
     /// Does it bound a medium, and is it smooth, so that shadow rays may pass it straight
-    /// ([`glass_shadows`](super::glass_shadows))? Textures decide at each point.
+    /// ([`glass_shadows`](crate::integrator::through::glass_shadows))? Textures decide at each point.
     pub smooth_body: bool,
     /// The medium that it bounds, an index into [`Materials::media`]; `None` for surfaces that bound none.
     pub interior_medium: Option<u32>,

@@ -20,18 +20,12 @@ pub struct PathRays {
     pub index: Vec<u32>,
     /// Seed of the pixel's sequence.
     pub seed: Vec<u32>,
-    /// Medium of the ray, an index into [`Materials::media`](super::Materials::media); unused if none absorbs.
+    /// Medium of the ray, an index into [`Materials::media`](crate::integrator::Materials::media); unused if none absorbs.
     pub medium: Vec<u32>,
     /// Roulette probability of the light sample at the ray origin; unused without a guiding field.
     pub light_probability: Vec<f32>,
     /// Camera rays that have passed a thin wall; empty for others and in scenes without thin walls.
     pub passed_wall: Vec<bool>,
-    /// By row: does light that the ray finds belong to light samples of an earlier vertex
-    /// ([`glass_shadows`](super::glass_shadows))? Empty where shadow rays do not pass bodies.
-    pub excluded: Vec<bool>,
-    /// Rows that are mirror images of camera rays; empty for camera rays, and where nothing asks
-    /// ([`back_faces`](super::back_faces)).
-    pub mirror_image: Vec<bool>,
     /// Number in the wave of the ray of row 0. Rays are numbered in the order in which the wave generates them.
     pub first: u32,
     /// Number of valid rows.
@@ -114,19 +108,23 @@ impl SortedHits {
     }
 }
 
-/// Light group of the environment in [`ShadowRays::light_group`].
-pub const ENVIRONMENT_GROUP: u32 = 0;
-/// Light group of emissive surfaces.
-pub const AREA_GROUP: u32 = 1;
-/// Light group of punctual lights.
-pub const PUNCTUAL_GROUP: u32 = 2;
+/// The kinds of light sources.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LightKind {
+    /// Light from infinity.
+    Environment,
+    /// Emissive surfaces.
+    Area,
+    /// Point, spot and directional lights.
+    Punctual,
+}
 
-/// Columns of [`ShadowRays`] for [`glass_shadows`](super::glass_shadows).
+/// Columns of [`ShadowRays`] for [`glass_shadows`](crate::integrator::through::glass_shadows).
 #[derive(Debug, Default)]
 pub struct BodyColumns {
     /// All bits set if the ray passes bodies, else none.
     pub passes: Vec<u32>,
-    /// Medium at the origin, an index into [`Materials::media`](super::Materials::media). `radiance` is not attenuated yet.
+    /// Medium at the origin, an index into [`Materials::media`](crate::integrator::Materials::media). `radiance` is not attenuated yet.
     pub medium: Vec<u32>,
 }
 
@@ -141,8 +139,10 @@ pub struct ShadowRays {
     pub path: Vec<u32>,
     /// Number in the wave of the ray that arrived at the vertex.
     pub ray: Vec<u32>,
-    /// Kind of light: [`ENVIRONMENT_GROUP`], [`AREA_GROUP`] or [`PUNCTUAL_GROUP`].
-    pub light_group: Vec<u32>,
+    /// [`LightKind`] as a number.
+    kind: Vec<u32>,
+    /// Are the rays occluded?
+    pub occluded: Vec<bool>,
     /// Columns for shadow rays that pass bodies of glass; present if they do.
     pub bodies: Option<BodyColumns>,
     /// What thin walls leave of the contribution, as a ratio of lengths, at most 1; empty in scenes without thin walls.
@@ -156,7 +156,7 @@ impl ShadowRays {
     pub fn open(&mut self, capacity: usize, moves: bool) {
         self.rays.open(capacity, moves);
         self.radiance.grow(capacity);
-        for column in [&mut self.path, &mut self.ray, &mut self.light_group] {
+        for column in [&mut self.path, &mut self.ray, &mut self.kind] {
             grow(column, capacity);
         }
         if let Some(BodyColumns { passes, medium }) = &mut self.bodies {
@@ -177,7 +177,7 @@ impl ShadowRays {
         }
     }
 
-    /// Appends the survivors of a group: rays of length `tfar`, contribution, path, arriving ray and light group. `key` and `time`
+    /// Appends the survivors of a group: rays of length `tfar`, contribution, path, arriving ray and [`LightKind`]. `key` and `time`
     /// are those of [`RayBatch`].
     #[inline(always)]
     #[allow(clippy::too_many_arguments, reason = "a row's columns")]
@@ -188,7 +188,7 @@ impl ShadowRays {
         tfar: F,
         (key, time): (U, F),
         radiance: V3,
-        [path, ray_number, light_group]: [U; 3],
+        [path, ray_number, kind]: [U; 3],
     ) {
         let ray = (survivors.compress_v3(origin), survivors.compress_v3(direction));
         let (key, time) = (survivors.compress_bits(key), survivors.compress(time));
@@ -196,12 +196,18 @@ impl ShadowRays {
         self.radiance.store(self.len, survivors.compress_v3(radiance));
         store_bits(&mut self.path, self.len, survivors.compress_bits(path));
         store_bits(&mut self.ray, self.len, survivors.compress_bits(ray_number));
-        store_bits(&mut self.light_group, self.len, survivors.compress_bits(light_group));
+        store_bits(&mut self.kind, self.len, survivors.compress_bits(kind));
         self.len += survivors.len;
     }
 
     /// Ends filling: truncates the rays to the valid rows.
     pub fn close(&mut self) {
         self.rays.close(self.len);
+    }
+
+    /// Kind of the light at the end of a ray.
+    #[inline]
+    pub fn kind(&self, row: usize) -> LightKind {
+        [LightKind::Environment, LightKind::Area, LightKind::Punctual][self.kind[row] as usize]
     }
 }

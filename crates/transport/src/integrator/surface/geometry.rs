@@ -2,11 +2,12 @@
 
 use glam::{Affine3A, Mat2, Mat3, Vec2, Vec3, Vec4};
 
-use super::materials;
 use crate::bsdf::{Anisotropy, Core, Surface};
+use crate::integrator::surface::materials;
 use crate::lanes::{F, LANES, V3, eight};
 use crate::light::AreaLights;
 use crate::sampling::warp;
+use crate::scene::Primitive;
 use crate::scene::{Material, Mesh, Scene, TextureRef, TextureSlot};
 
 /// Offset of ray origins from their surface relative to the largest coordinate involved: sixteen roundings.
@@ -151,7 +152,7 @@ impl Geometry {
     /// The geometric normal of triangle `prim`, in world space and of any length, on the front side by the winding. `time` is
     /// in [0, 1] of the shutter interval.
     #[inline]
-    pub fn normal(&self, scene: &Scene, (instance, mesh, prim): (u32, u32, u32), time: f32) -> Vec3 {
+    pub fn normal(&self, scene: &Scene, Primitive { instance, mesh, prim }: Primitive, time: f32) -> Vec3 {
         let mesh = &scene.meshes[mesh as usize];
         let vertices = mesh.indices[prim as usize];
         let [a, b, c] = match &mesh.motion {
@@ -170,7 +171,7 @@ impl Geometry {
     pub fn point<'a>(
         &self,
         scene: &'a Scene,
-        (instance, mesh, prim): (u32, u32, u32),
+        Primitive { instance, mesh, prim }: Primitive,
         (u, v): (f32, f32),
         time: f32,
     ) -> SurfacePoint<'a> {

@@ -1,0 +1,29 @@
+//! Sample requests in groups of eight.
+
+use super::queues::PathIds;
+use crate::lanes::{F, Rows, U};
+
+/// What a light sample is allocated to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LightTarget {
+    /// Any light: drawn by the sample.
+    Random,
+    /// The environment.
+    Environment,
+    /// The area lights.
+    AreaLight,
+}
+
+/// Up to eight samples.
+pub struct RequestGroup {
+    /// Rows of the vertices.
+    pub rows: Rows,
+    /// Paths and sample indices.
+    pub path_ids: PathIds,
+    /// Targets of light samples: [`LightTarget`] as a number.
+    pub target: U,
+    /// Number of valid lanes.
+    pub len: usize,
+    /// Samples per path: environment, area lights, BSDF.
+    pub samples_per_path: [F; 3],
+}

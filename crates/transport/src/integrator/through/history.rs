@@ -1,0 +1,68 @@
+//! Keeps the history of rays.
+
+use wide::bytemuck::cast;
+
+use crate::integrator::data::context::WaveContext;
+use crate::integrator::data::history::{Bounce, MIRROR_PDF, RayHistory, is_tracked};
+use crate::integrator::data::queues::PathRays;
+use crate::integrator::data::requests::RequestGroup;
+use crate::integrator::data::transport::Transport;
+use crate::integrator::data::vertices::Vertices;
+use crate::integrator::events::{PathEvents, ScatteredGroup};
+use crate::lanes::{F, grow, load_bits};
+
+/// The histories of all rays of a wave; one per thread. A client of the wave.
+#[derive(Debug, Default)]
+pub struct Histories {
+    /// By number of a ray; empty where nothing asks ([`is_tracked`]).
+    by_ray: Vec<RayHistory>,
+}
+
+impl Histories {
+    /// Those of a batch of rays; empty where nothing asks.
+    pub fn of(&self, rays: &PathRays) -> &[RayHistory] {
+        if self.by_ray.is_empty() { &[] } else { &self.by_ray[rays.first as usize..][..rays.len] }
+    }
+
+    /// Fills [`Vertices::after_rough`].
+    pub fn mark(&self, transport: &Transport, vertices: &mut Vertices) {
+        vertices.after_rough.clear();
+        if transport.passes_bodies() {
+            let len = vertices.len();
+            let mark = |ray: &u32| if self.by_ray[*ray as usize].is_after_rough() { u32::MAX } else { 0 };
+            vertices.after_rough.extend(vertices.ray[..len].iter().map(mark));
+            grow(&mut vertices.after_rough, len);
+        }
+    }
+}
+
+impl PathEvents for Histories {
+    fn begin(&mut self, at: &WaveContext) {
+        self.by_ray.clear();
+        if is_tracked(at.transport) {
+            self.by_ray.resize(at.paths.len(), RayHistory::CAMERA);
+        }
+    }
+
+    fn scattered(&mut self, at: &WaveContext, vertices: &Vertices, group: &RequestGroup, samples: &ScatteredGroup) {
+        if self.by_ray.is_empty() {
+            return;
+        }
+        let (rows, survivors) = (&group.rows, &samples.survivors);
+        let (mut beyond, mut smooth) = (F::ZERO, F::ZERO);
+        if at.transport.materials.has_smooth_bodies {
+            beyond = vertices.ng.load(rows).dot(samples.wi).simd_lt(F::ZERO);
+            if (samples.pdf[0].simd_ge(F::splat(MIRROR_PDF)) | beyond).any() {
+                smooth = vertices.is_smooth_glass(rows, &vertices.bsdf(rows));
+            }
+        }
+        let [beyond, smooth] = [beyond, smooth].map(|mask| survivors.compress_bits(cast(mask)).to_array());
+        let [pdf, bsdf_pdf] = [0, 1].map(|i| survivors.compress(samples.pdf[i]).to_array());
+        let arrived = survivors.compress_bits(load_bits(&vertices.ray, rows)).to_array();
+        for lane in 0..survivors.len {
+            let (beyond, smooth) = (beyond[lane] != 0, smooth[lane] != 0);
+            let bounce = Bounce { pdf: pdf[lane], bsdf_pdf: bsdf_pdf[lane], beyond, smooth };
+            self.by_ray.push(self.by_ray[arrived[lane] as usize].after(at.transport, &bounce));
+        }
+    }
+}

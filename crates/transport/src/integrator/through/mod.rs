@@ -1,0 +1,93 @@
+//! What lies between ray queries and stages: back faces and thin walls that rays pass, shadows of glass, camera rays for
+//! emission.
+
+pub mod back_faces;
+pub mod emission_rays;
+pub mod glass_shadows;
+pub mod history;
+pub mod passing;
+pub mod thin_walls;
+
+use super::data::context::WaveContext;
+use super::data::counts::{WaveCounts, timed};
+use super::data::history::RayHistory;
+use super::data::path_states::PathLight;
+use super::data::queues::{PathRays, ShadowRays, SortedHits};
+use super::data::transport::Transport;
+use super::data::vertices::Vertices;
+use super::events::PathEvents;
+use crate::rays::HitBatch;
+use emission_rays::EmissionRays;
+use glass_shadows::GlassShadows;
+use history::Histories;
+use passing::Passing;
+
+/// All that lies between ray queries and stages; one per thread.
+#[derive(Debug, Default)]
+pub struct Through {
+    passing: Passing,
+    glass_shadows: GlassShadows,
+    emission_rays: EmissionRays,
+}
+
+impl Through {
+    /// Takes rays to the surfaces that they see: replaces their hits, and tells `clients` of them.
+    pub fn resolve<E: PathEvents>(
+        &mut self,
+        at: &WaveContext,
+        rays: &mut PathRays,
+        hits: &mut HitBatch,
+        light: &mut PathLight,
+        clients: &mut E,
+    ) {
+        self.passing.pass_back_faces(at.transport, rays, hits);
+        if at.depth == 0 {
+            clients.hits(at, rays, hits);
+        }
+        if at.transport.materials.has_thin_walls {
+            self.passing.pass_thin_walls(at, rays, hits);
+            if at.depth == 0 {
+                clients.hits_behind_walls(at, rays, hits);
+            }
+        }
+        if at.depth > 0 {
+            clients.hits(at, rays, hits);
+        }
+        self.glass_shadows.find(at, self.passing.histories.of(rays), rays, hits, light, clients);
+    }
+
+    /// Adds the emission that camera rays of its own find.
+    pub fn visible_emission<E: PathEvents>(
+        &mut self,
+        at: &WaveContext,
+        sorted: &mut SortedHits,
+        light: &mut PathLight,
+        clients: &mut E,
+        counts: &mut WaveCounts,
+    ) {
+        if at.depth == 0 {
+            self.emission_rays.trace(at, sorted, &mut self.passing, light, clients, counts);
+        }
+    }
+
+    /// Histories of a batch of rays; empty where nothing depends on them.
+    pub fn history(&self, rays: &PathRays) -> &[RayHistory] {
+        self.passing.histories.of(rays)
+    }
+
+    /// The client that keeps the histories of rays.
+    pub fn histories(&mut self) -> &mut Histories {
+        &mut self.passing.histories
+    }
+
+    /// Marks the vertices by the histories of the rays that arrived.
+    pub fn mark(&self, transport: &Transport, vertices: &mut Vertices) {
+        self.passing.histories.mark(transport, vertices);
+    }
+
+    /// Tests which shadow rays are occluded, and attenuates the others by what they pass.
+    pub fn occlude(&mut self, transport: &Transport, shadows: &mut ShadowRays, counts: &mut WaveCounts) {
+        counts.shadow_rays += shadows.len as u64;
+        timed(counts, || self.passing.occlude(transport, shadows));
+    }
+}

@@ -1,0 +1,37 @@
+//! Surfaces that rays pass on their way.
+
+use super::back_faces::BackFaces;
+use super::history::Histories;
+use super::thin_walls::ThinWalls;
+use crate::integrator::data::context::WaveContext;
+use crate::integrator::data::queues::{PathRays, ShadowRays};
+use crate::integrator::data::transport::Transport;
+use crate::rays::HitBatch;
+
+/// Takes rays through back faces and thin walls; one per thread.
+#[derive(Debug, Default)]
+pub struct Passing {
+    /// Those of all rays.
+    pub histories: Histories,
+    back_faces: BackFaces,
+    walls: ThinWalls,
+}
+
+impl Passing {
+    /// Takes rays through the back faces that they pass.
+    pub fn pass_back_faces(&mut self, transport: &Transport, rays: &mut PathRays, hits: &mut HitBatch) {
+        self.back_faces.pass(transport, self.histories.of(rays), 0..rays.len as u32, rays, hits);
+    }
+
+    /// Takes rays through thin walls, and through the back faces behind them.
+    pub fn pass_thin_walls(&mut self, at: &WaveContext, rays: &mut PathRays, hits: &mut HitBatch) {
+        if at.transport.materials.has_thin_walls {
+            self.walls.pass(at, self.histories.of(rays), rays, hits, &mut self.back_faces);
+        }
+    }
+
+    /// Tests which shadow rays are occluded, and attenuates the others by what they pass.
+    pub fn occlude(&mut self, transport: &Transport, shadows: &mut ShadowRays) {
+        self.walls.occlude(transport, shadows);
+    }
+}
