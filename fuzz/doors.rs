@@ -172,7 +172,7 @@ pub fn picture(folder: &Path, bytes: &[u8]) -> bool {
 /// HDR and EXR for `--env`.
 pub fn environment(folder: &Path, bytes: &[u8]) -> bool {
     let Ok(file) = EnvironmentFile::open(&put(folder, "sky", bytes)) else { return false };
-    file.size().bytes(true);
+    file.size().bytes();
     file.decode(0.0, 1.0).is_ok()
 }
 

@@ -9,8 +9,8 @@ command wrote is kept in out/tables; --reuse compares that instead of running th
 
 A number with a standard error (a ± b) differs if it is more than three combined errors away. Seconds are of a machine and
 differ beyond a fifth. z-scores are noise: only their marks count. All other numbers have fixed seeds and must be equal as
-printed. Tables of lab/peers.md are made by `make bench-peers` and `make agreement`, those of lab/reliability.md by
-lab/reliability.py; the tables of docs/balance.md, docs/adaptive.md and docs/guiding.md take hours and name their commands.
+printed. Tables of lab/peers.md are made by `make bench-peers` and `make agreement`; the tables of docs/balance.md,
+docs/adaptive.md and docs/guiding.md take hours and name their commands.
 """
 
 import argparse

@@ -16,7 +16,7 @@ use crate::console::{Verdict, print, print_json};
 use crate::integrator::PreparedScene;
 use crate::rays::Backend;
 use crate::render::default_light::{self, OwnLight};
-use crate::render::{BackFaces, clipped};
+use crate::render::{BackFaces, RenderSettings, clipped};
 use crate::scene::Scene;
 use crate::scene::import::{self, Note, STANDARD_INPUT, SceneFiles, Summary};
 
@@ -39,8 +39,8 @@ pub fn run(args: &InspectArgs) -> Result<Verdict> {
         if from_pipe { SceneFiles::read_glb(&mut stdin().lock(), limit.0) } else { SceneFiles::open(&args.scene) }?;
     let survey = files.survey();
     let name = if from_pipe { STANDARD_INPUT.into() } else { args.scene.display().to_string() };
-    let need = |size| Need::with_defaults(&survey, args.selection.steps(false), size).bytes();
-    memory::check(&name, need([0, 0]), limit)?;
+    let threads = rayon::current_num_threads();
+    memory::check(&name, Need::of_scene(&survey, Backend::default(), threads), limit)?;
     memory::hold(limit);
     let imported = files.import(&args.selection.options(false, false))?;
     let at_rest = args.selection.is_posed().then(|| files.import(&args.selection.at_rest().options(false, false)));
@@ -48,7 +48,19 @@ pub fn run(args: &InspectArgs) -> Result<Verdict> {
     drop(files);
     let summary = import::summary(&imported);
     let (width, height) = size(&imported.scene.cameras[0]);
-    let render_bytes = need([width, height]);
+    let pixels = u64::from(width) * u64::from(height);
+    let need = Need {
+        scene: &survey,
+        environment: None,
+        settings: &RenderSettings { width, height, ..Default::default() },
+        pixels,
+        window_pixels: pixels,
+        saves: false,
+        denoises: false,
+        rays: Backend::default(),
+        threads,
+    };
+    let render_bytes = need.bytes();
     let scene = Arc::new(imported.scene);
     let hidden = hidden_by_far_planes(&scene)?;
     let own_light = own_light(at_rest.unwrap_or(scene))?;

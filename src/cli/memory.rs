@@ -1,13 +1,110 @@
-//! Memory that a render is estimated to need, and the limit.
-
-mod need;
+//! Memory that a render is estimated to need before anything is decoded, and the limit.
 
 use std::env;
 
 use crate::console::host;
 use crate::console::memory::{allowed, hold_to};
+use crate::rays::Backend;
+use crate::render::RenderSettings;
+use crate::render::settings::GUIDING_MEMORY;
+use crate::render::tile::Tile;
+use crate::scene::import::{EnvironmentSize, Survey};
 use crate::{Error, Result};
-pub use need::{Need, Steps, at_rest, placed_bytes};
+
+/// What the memory of a render depends on most. What it does not see (motion, shared forms, many paths that teach) is caught
+/// while it renders ([`hold`]).
+#[derive(Debug, Clone, Copy)]
+pub struct Need<'a> {
+    /// The scene's files.
+    pub scene: &'a Survey,
+    /// The environment's picture, if there is one.
+    pub environment: Option<EnvironmentSize>,
+    /// The settings, with the picture's size.
+    pub settings: &'a RenderSettings,
+    /// Pixels that are rendered: of the crop window, or of a part of it.
+    pub pixels: u64,
+    /// Pixels of the file: of the crop window, of which a part leaves most empty.
+    pub window_pixels: u64,
+    /// Are their statistics written into the picture's file?
+    pub saves: bool,
+    /// Is the picture denoised?
+    pub denoises: bool,
+    /// Ray tracing library.
+    pub rays: Backend,
+    /// Number of render threads.
+    pub threads: usize,
+}
+
+/// Bytes of the program and its libraries, and of the buffers of one thread.
+const PROGRAM_BYTES: u64 = 30 << 20;
+const BYTES_PER_THREAD: u64 = 4 << 20;
+/// Bytes per vertex, per primitive outside of its arrays, and per value of the document's text.
+const BYTES_PER_VERTEX: u64 = 40;
+const BYTES_PER_MESH: u64 = 4500;
+const BYTES_PER_VALUE: u64 = 200;
+/// Bytes per placement: in the document, the scene, the ray queries and shading; and of a moving one at one time.
+const BYTES_PER_INSTANCE: u64 = 1000;
+const BYTES_PER_KEY: u64 = 472;
+/// Bytes of an emissive triangle and its part of the light tree while both are built.
+const BYTES_PER_LIGHT: u64 = 250;
+/// Bytes of the paths that teach in pre-passes, with guiding and without it.
+const LEARNING_BYTES: [u64; 2] = [64 << 20, 16 << 20];
+/// Bytes per pixel of the file while it is written, with AOVs and without them.
+const WRITING_BYTES_PER_PIXEL: [u64; 2] = [80, 14];
+/// Bytes of the denoiser's process with Open Image Denoise 2.3, per pixel of the pictures that are passed to it, and of its
+/// network, which takes tiles of at most so many pixels.
+const DENOISER_BYTES: [u64; 3] = [40 << 20, 130, 790];
+const DENOISER_TILE_PIXELS: u64 = 2160 * 2160;
+
+/// Bytes of the program without a scene.
+pub fn at_rest(threads: usize) -> u64 {
+    PROGRAM_BYTES + threads as u64 * BYTES_PER_THREAD
+}
+
+/// Bytes of placements, of so many keys of their motion in all, and of the emissive triangles in them.
+pub fn placed_bytes(instances: u64, keys: u64, emissive_triangles: u64) -> u64 {
+    instances * BYTES_PER_INSTANCE + keys * BYTES_PER_KEY + emissive_triangles * BYTES_PER_LIGHT
+}
+
+impl Need<'_> {
+    /// Estimated bytes of the scene alone, with its files, in a program of so many threads.
+    pub fn of_scene(scene: &Survey, rays: Backend, threads: usize) -> u64 {
+        let c = &scene.census;
+        // At the peak of the build, and indices.
+        let per_triangle = match rays {
+            Backend::Embree => 125 + 12,
+            Backend::Obvhs => 360 + 12,
+        };
+        let decoding = scene.decoding_bytes.iter().take(threads).sum::<u64>();
+        let meshes = c.vertices * BYTES_PER_VERTEX + c.triangles * per_triangle + c.meshes * BYTES_PER_MESH;
+        at_rest(threads)
+            + (scene.read_bytes + c.values * BYTES_PER_VALUE + scene.image_bytes + decoding)
+            + meshes
+            + placed_bytes(c.instances, 0, c.emissive_triangles)
+    }
+
+    /// Estimated peak memory in bytes, by the sizes that the files' headers state.
+    pub fn bytes(&self) -> u64 {
+        let Self { settings, pixels, .. } = *self;
+        let tiles = Tile::memory_bytes(pixels, settings.columns());
+        // Statistics are compressed before writing, usually to less than half.
+        let saving = if self.saves { tiles / 2 } else { 0 };
+        let writing = self.window_pixels * WRITING_BYTES_PER_PIXEL[usize::from(!settings.aovs)];
+        let [process, pictures, network] = DENOISER_BYTES;
+        let denoiser = match self.denoises {
+            true => process + pixels * pictures + pixels.min(DENOISER_TILE_PIXELS) * network,
+            false => 0,
+        };
+        let [guiding, lights] = LEARNING_BYTES;
+        let learning =
+            if settings.guides() { settings.guiding_memory.unwrap_or(GUIDING_MEMORY).min(guiding) } else { lights };
+        Self::of_scene(self.scene, self.rays, self.threads)
+            + self.environment.map_or(0, EnvironmentSize::bytes)
+            + tiles
+            + writing
+            + saving.max(denoiser).max(learning)
+    }
+}
 
 /// Parses a size such as 900M, 6G or 1.5T into bytes; a plain number is bytes, and K is 1024 as in Slurm.
 ///

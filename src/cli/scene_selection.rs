@@ -2,7 +2,6 @@
 
 use clap::Args;
 
-use crate::cli::memory::Steps;
 use crate::console::args::{not_negative, positive};
 use crate::rays::Backend;
 use crate::scene::import::{ImportOptions, Pose, Shutter};
@@ -106,18 +105,6 @@ impl SceneSelection {
             pose: seconds.map(|seconds| Pose { seconds, animation: self.animation.clone(), shutter, frame }),
             scene: self.scene_name.clone(),
             variant: self.variant.clone(),
-        }
-    }
-
-    /// Times at which the parts that move are kept.
-    pub fn steps(&self, velocities: bool) -> Steps {
-        match (self.is_posed(), self.shutter, self.motion_steps) {
-            (true, Some(_), Some(steps)) => Steps::Shutter(steps + if velocities { 2 } else { 0 }),
-            (true, Some(_), None) => Steps::Adaptive,
-            // One frame before and after.
-            (true, None, _) if velocities => Steps::Shutter(1),
-            (true, None, _) => Steps::Pose,
-            (false, ..) => Steps::Rest,
         }
     }
 

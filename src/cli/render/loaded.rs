@@ -168,7 +168,6 @@ fn check_instances_memory(args: &RenderArgs, inputs: &Inputs, scene: &Scene) -> 
     let keys: usize = moving.map(|motion| motion.keys().len()).sum();
     let placed = memory::placed_bytes(instances, keys as u64, lights) + deforming as u64;
     let what = format!("{} with {instances} instances and {lights} emissive triangles in them", args.scene.display());
-    let files = inputs.scene.census.geometry_bytes + inputs.scene.image_bytes;
-    let bytes = memory::at_rest(rayon::current_num_threads()) + files + placed;
+    let bytes = memory::at_rest(rayon::current_num_threads()) + inputs.scene.image_bytes + placed;
     memory::check(&what, bytes, memory::limit(args.memory_limit)?)
 }

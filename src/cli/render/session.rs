@@ -20,8 +20,7 @@ use crate::console::tev::Tev;
 use crate::film::{exr_file, preview};
 use crate::render::camera::lens;
 use crate::render::checkpoint::Earlier;
-use crate::render::prepass;
-use crate::render::tile::{TILE, Tile};
+use crate::render::tile::TILE;
 use crate::render::{Identity, Pause, Progress, RenderSettings, Rendered, RunOptions, Saved, StopReason, run};
 use crate::{Error, Result};
 
@@ -140,31 +139,23 @@ impl Session<'_> {
             None => window_pixels,
         };
         let settings = RenderSettings { width, height, ..args.settings() };
-        let lights = scene.census.emissive_triangles;
-        let prepass = prepass::size(&settings, lights);
         let need = Need {
             scene,
-            steps: args.selection.steps(args.has_velocities()),
             environment: self.inputs.environment.1,
-            compensates: settings.balance.method().uses_prepasses(),
+            settings: &settings,
             pixels,
             window_pixels,
-            columns: settings.columns(),
-            saved_pixels: if args.checkpoint.is_some() || args.part().is_some() { pixels } else { 0 },
+            saves: args.checkpoint.is_some() || args.part().is_some(),
             denoises: args.denoise.is_some(),
-            previews: args.preview.is_some(),
-            prepass,
-            continues: args.resume && args.output().exists(),
-            tiles: Tile::grid_positions(if prepass.allocation > 0 { whole } else { window }).count(),
             rays: args.rays,
             threads: self.threads,
         };
         let limit = memory::limit(args.memory_limit)?;
         info!("needs about {} MiB of memory; {} allows {}", need.bytes().div_ceil(1 << 20), limit.1, limit.0 >> 20);
-        let census = &scene.census;
+        let (instances, lights) = (scene.census.instances, scene.census.emissive_triangles);
         let mut what = args.scene.display().to_string();
-        if census.instances.max(lights) > MANY {
-            what += &format!(" with {} instances and {lights} emissive triangles in them", census.instances);
+        if instances.max(lights) > MANY {
+            what += &format!(" with {instances} instances and {lights} emissive triangles in them");
         }
         memory::check(&what, need.bytes(), limit).map(|()| limit)
     }

@@ -121,17 +121,6 @@ impl Survey {
     }
 }
 
-/// Bytes of a pixel in [`VisibleEmission`] and [`EmissionRayCounts`], and of a tile: its surveys and variances, and the steps of its doublings while they are sorted.
-const BYTES_PER_PIXEL: u64 = (size_of::<f32>() + size_of::<u8>()) as u64;
-const BYTES_PER_TILE: u64 = 6 * size_of::<Survey>() as u64 + 6 * size_of::<(usize, i32, f64)>() as u64;
-
-/// Maximum bytes that the pre-pass of a render with these settings takes.
-pub fn bytes(settings: &RenderSettings) -> u64 {
-    let [width, height] = [settings.width, settings.height].map(u64::from);
-    let tiles = width.div_ceil(TILE.into()) * height.div_ceil(TILE.into());
-    if is_made(settings) { width * height * BYTES_PER_PIXEL + tiles * BYTES_PER_TILE } else { 0 }
-}
-
 /// Do these settings ask for an allocation, and for enough paths to survey them?
 pub fn is_made(settings: &RenderSettings) -> bool {
     settings.allocates() && settings.spp.is_none_or(|spp| spp >= MIN_AUTO_PATHS)

@@ -12,7 +12,6 @@ use super::super::{Choice, RenderSettings};
 use super::comparison::{self, Compared};
 use super::effort::{self, MAX_TIME_SHARE};
 use super::rounds::{self, Learner, Round, Wanted};
-use crate::guiding::learn::bytes_to_learn;
 use crate::guiding::{Field, PathStatistics, TrainingSample, VertexRecord, learn};
 use crate::integrator::{PreparedScene, Proposal, Transport};
 
@@ -32,36 +31,8 @@ const FIRST_DECISION_ROUND: u32 = 1;
 const LAST_DECISION_ROUND: u32 = 2;
 /// Learning continues after these decisions, too, if fewer training samples per path were found, too few for an estimate.
 const MIN_SAMPLES_PER_PATH: f64 = 0.04;
-/// Training samples of a path over its maximum segments, and vertex records. A closed white room has two thirds in the first
-/// rounds, and a third once roulette has been learned.
-const SAMPLES_PER_SEGMENT: f64 = 0.5;
 /// Bytes of memory for each cell of a field, where memory limits their number. They take less; more cells would change pictures.
 const BYTES_PER_CELL: f64 = 13_468.0;
-
-/// Maximum bytes of the records of so many rounds with so many pixels, which the settings may end before, and bytes that learning
-/// from them takes.
-pub fn bytes(settings: &RenderSettings, rounds: u32, pixels: f64) -> [u64; 2] {
-    if !settings.guides() {
-        return [0; 2];
-    }
-    let most = settings.guiding_memory.unwrap_or(GUIDING_MEMORY) as f64;
-    // No round but the first begins that would exceed this number of paths.
-    let max_paths = (MAX_PATHS_PER_PICTURE_PIXEL * worthwhile(settings) * settings.pixels()).max(15.0 * pixels);
-    let all = |round: u32| pixels * f64::from((2 << round) - 1);
-    let last =
-        (0..rounds.min(MAX_ROUNDS)).take_while(|round| *round == 0 || all(*round) <= max_paths).last().unwrap_or(0);
-    let samples_per_path = f64::from(settings.max_depth) * SAMPLES_PER_SEGMENT;
-    let sufficient = sufficient(settings);
-    // A round has twice the paths of the one before it: in the end there are up to three times as many as suffice.
-    let training_samples =
-        (3.0 * sufficient).min(samples_per_path * all(last)).min(most / 4.0 / size_of::<TrainingSample>() as f64);
-    let vertex_records = (VERTEX_RECORDS_PER_SUFFICIENT_SAMPLE * sufficient)
-        .min(samples_per_path * pixels * f64::from(1 << last))
-        .min(most / 8.0 / size_of::<VertexRecord>() as f64);
-    let records =
-        training_samples * size_of::<TrainingSample>() as f64 + vertex_records * size_of::<VertexRecord>() as f64;
-    [records as u64, bytes_to_learn(training_samples as u64)]
-}
 
 /// Pixels of the pre-pass that this learner needs for a picture of so many pixels.
 pub fn pixels(picture_pixels: f64) -> f64 {

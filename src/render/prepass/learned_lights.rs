@@ -27,19 +27,6 @@ pub struct LearnedLightsResult {
     pub stats: LearnedLightsStats,
 }
 
-/// Maximum rounds and bytes that learning takes for a render with these settings, of which each round has `shared` pixels, in a
-/// scene of at most so many area lights.
-pub fn bytes(settings: &RenderSettings, shared: f64, lights: u64) -> (u32, u64) {
-    let own = pixels(settings);
-    let paths = |round: u32| shared * f64::from(1 << round);
-    // Before a round there were as many paths as it has itself, less one per pixel.
-    let rounds = (0..).take_while(|&round| !suffice(round, paths(round) - shared, own)).count() as u32;
-    let of_round = |round| (paths(round) * f64::from(settings.max_depth)).min(MAX_RECORDS_PER_ROUND as f64);
-    let records = (0..rounds).map(of_round).sum::<f64>() as u64;
-    let learns = settings.uses_prepass(settings.learned_lights) && lights >= 2;
-    (rounds, if learns { LearnedLights::bytes_to_learn(records, lights) } else { 0 })
-}
-
 /// Do so many rounds of so many paths in all suffice, where the pre-pass would have `pixels` if it were alone?
 fn suffice(rounds: u32, paths: f64, pixels: f64) -> bool {
     rounds > 1 && paths >= SUFFICIENT_PATHS_PER_PIXEL * pixels

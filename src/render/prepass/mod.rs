@@ -35,37 +35,6 @@ pub struct Prepasses {
     pub guiding: Option<guiding::Learned>,
 }
 
-/// Bytes of a pixel of a round: in the list of its tile, in one that grows, and with its variances in two.
-const ROUND_BYTES_PER_PIXEL: u64 = 6 * size_of::<rounds::RoundPixel>() as u64;
-
-/// What pre-passes take at most.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Size {
-    /// Bytes of what learners hold.
-    pub learning: u64,
-    /// Tiles from which they learn at once.
-    pub tiles: u64,
-    /// Bytes of the allocation, which is made afterwards.
-    pub allocation: u64,
-}
-
-/// What the pre-passes of a render with these settings take at most, in a scene of at most so many area lights.
-pub fn size(settings: &RenderSettings, lights: u64) -> Size {
-    let own = learned_lights::pixels(settings);
-    let pixels = if settings.guides() { own.max(guiding::pixels(settings.pixels())) } else { own };
-    let [width, height] = low_resolution::size(settings, pixels);
-    let pixels = f64::from(width) * f64::from(height);
-    let (rounds, lights) = learned_lights::bytes(settings, pixels, lights);
-    let [records, learning] = guiding::bytes(settings, u32::MAX, pixels);
-    // In a round, lights have learned before guiding does, and then hold no records.
-    let learning = (records + learning).max(lights + guiding::bytes(settings, rounds, pixels)[0]);
-    Size {
-        learning: learning + pixels as u64 * ROUND_BYTES_PER_PIXEL,
-        tiles: low_resolution::tiles([width, height]).len() as u64,
-        allocation: allocation::bytes(settings),
-    }
-}
-
 impl Prepasses {
     /// Runs the pre-passes that `settings` ask for. First the density of the environment is chosen, then the paths of the same
     /// rounds teach all learners. The results mean nothing if `stop` is raised: the rest then ends within a tile's time.

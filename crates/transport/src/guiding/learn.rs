@@ -1,7 +1,5 @@
 //! Learns a field from the training samples of a pre-pass.
 
-use std::ops::Range;
-
 use rayon::prelude::*;
 
 use super::field::Field;
@@ -43,17 +41,6 @@ impl Gain {
         let [with, without] = [self.with, self.without].map(|moment| (taken + moment - self.taken).max(0.0));
         if without > 0.0 { (with / without) as f32 } else { 1.0 }
     }
-}
-
-/// Largest memory in bytes while a field is learned from so many training samples, without these.
-pub fn bytes_to_learn(training_samples: u64) -> u64 {
-    let per_sample = size_of::<&TrainingSample>() + size_of::<u32>();
-    // Cells are halved while they have too many training samples. Histograms are collected from parts of the tree, whose nodes
-    // have ranges.
-    let [cells, first] = [training_samples / TRAINING_SAMPLES_PER_CELL[1] as u64 + 1, 2 * FIRST_CELLS as u64];
-    let cells = if cells > first { cells.next_power_of_two() } else { first };
-    let per_cell = 2 * Field::CELL_BYTES + size_of::<ProbabilitySums>() + 2 * size_of::<Range<usize>>();
-    training_samples * per_sample as u64 + cells * per_cell as u64
 }
 
 /// Learns a field of at most `max_cells` cells from all `training_samples`. `scale` (metres) weights differences of normals

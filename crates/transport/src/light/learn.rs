@@ -75,14 +75,6 @@ impl LearnedLights {
         });
         Some(Self { cells, nodes, weights })
     }
-
-    /// Largest memory in bytes while it learns from so many records, these included, which of so many lights to choose.
-    pub fn bytes_to_learn(records: u64, lights: u64) -> u64 {
-        let cells = (2 * records).div_ceil(RECORDS_PER_CELL as u64).clamp(1, MAX_CELLS as u64);
-        let per_node = 3 * size_of::<ClusterStats>() as u64 + size_of::<f32>() as u64;
-        let per_record = size_of::<LightSampleRecord>() + size_of::<&LightSampleRecord>();
-        records * per_record as u64 + cells * (2 * lights).min(MAX_NODES as u64) * per_node
-    }
 }
 
 /// Builds cells from records, and gives the statistics of the tree's first `nodes` in each cell to `leaf`, blended with those of

@@ -25,17 +25,11 @@ pub struct EnvironmentSize {
 }
 
 impl EnvironmentSize {
-    /// Memory in bytes while the picture is decoded, and when its tables for sampling are made: one, or two with the
-    /// compensated density.
-    pub fn bytes(self, compensated: bool) -> [u64; 2] {
+    /// Memory in bytes of the picture and its tables for sampling, one of which has a power of two of entries in each row.
+    pub fn bytes(self) -> u64 {
         // Larger pictures are refused.
-        let (width, height) = (self.width.min(MAX_PIXELS), self.height.min(MAX_PIXELS));
-        let pixels = (width * height).min(MAX_PIXELS);
-        // A cumulative distribution and its guide, which has a power of two of entries in each row.
-        let table = 4 * pixels + 4 * (pixels / width.max(1)) * (2 * width).next_power_of_two();
-        let tables = if compensated { 2 * table } else { table };
-        // As read and as RGB; pixels, radiance, luminance and a little more.
-        [self.file_bytes + 24 * pixels, 30 * pixels + tables]
+        let pixels = self.width.saturating_mul(self.height).min(MAX_PIXELS);
+        self.file_bytes + 54 * pixels
     }
 }
 

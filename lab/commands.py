@@ -1,22 +1,28 @@
-"""Section of `reliability.py` that renders random commands, each in several ways that must have the same bits.
+#!/usr/bin/env python3
+"""Renders random commands, each in several ways that must have the same bits in every channel.
+
+    commands.py BINARY      exit code 1 if a command fails or a way has other bits
 
 BISMAR_COMMANDS is their number (200), BISMAR_COMMAND the number of one to repeat. A new flag or AOV needs a line here.
 """
 
+import array
+import concurrent.futures
 import importlib
 import itertools
+import json
 import operator
 import os
 import random
 import re
 import shutil
 import signal
+import struct
 import subprocess
+import sys
+import tempfile
 import time
 from pathlib import Path
-
-from reliability_files import environment, on_all_cores
-from reliability_memory import Scene, animate, box, grid
 
 ROOT = Path(__file__).resolve().parent.parent
 reader = importlib.import_module("same-bits")
@@ -71,7 +77,7 @@ VALUES = {
     "min-spp": [2, 8, 50], "adaptive": LISTED, "balance": LISTED, "pilot": [0.1, 0.4], "guiding": LISTED,
     "guiding-memory": ["1M", "16M"], "learned-lights": LISTED, "compensation": LISTED,
     "clamp-direct": [0.5, 10], "clamp-indirect": [0.5, 10], "filter": LISTED, "seed-per-frame": LISTED, "rays": LISTED,
-    "half": [True], "transparent": [True],
+    "half": [True], "transparent": [True], "no-clip": [True],
     "aov": lambda chance, _: chance.choice(["all", "none", ",".join(chance.sample(AOVS, chance.randrange(1, 6)))]),
 }
 AOVS = ["albedo", "normal", "depth", "direct", "indirect", "variance", "samples", "balance", "object", "material", "position",
@@ -93,6 +99,100 @@ def window(chance, outer):
     return f"{x0},{y0},{x1},{y1}"
 
 
+def environment(threads):
+    """The environment of bismar, outside of any Slurm task."""
+    kept = {name: value for name, value in os.environ.items() if not name.startswith("SLURM_")}
+    return {**kept, "BISMAR_THREADS": str(threads)}
+
+
+def on_all_cores(work, items):
+    with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
+        return list(pool.map(work, items))
+
+
+class Scene:
+    """A glTF document with its buffer, built part by part."""
+
+    def __init__(self):
+        self.json = {"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": []}], "nodes": [], "meshes": [],
+                     "materials": [], "accessors": [], "bufferViews": []}
+        self.bin = bytearray()
+
+    def view(self, data):
+        self.bin += b"\0" * (-len(self.bin) % 4)
+        self.json["bufferViews"].append({"buffer": 0, "byteOffset": len(self.bin), "byteLength": len(data)})
+        self.bin += data
+        return len(self.json["bufferViews"]) - 1
+
+    def accessor(self, data, kind, component=5126, **more):
+        """Elements from bytes."""
+        item = {"componentType": component, "type": kind, **more}
+        size = {"SCALAR": 1, "VEC2": 2, "VEC3": 3}[kind] * {5126: 4, 5123: 2}[component]
+        item.update(bufferView=self.view(bytes(data)), count=len(data) // size)
+        if kind == "VEC3" and component == 5126:
+            item.update(min=[-1e3] * 3, max=[1e3] * 3)
+        self.json["accessors"].append(item)
+        return len(self.json["accessors"]) - 1
+
+    def mesh(self, primitive):
+        self.json["meshes"].append({"primitives": [primitive]})
+        return len(self.json["meshes"]) - 1
+
+    def node(self, shown=True, **more):
+        self.json["nodes"].append(more)
+        index = len(self.json["nodes"]) - 1
+        if shown:
+            self.json["scenes"][0]["nodes"].append(index)
+        return index
+
+    def material(self, **more):
+        self.json["materials"].append(more)
+        return len(self.json["materials"]) - 1
+
+    def save(self, path):
+        document = {key: value for key, value in self.json.items() if value != []}
+        if self.bin:
+            document["buffers"] = [{"byteLength": len(self.bin)}]
+        text = json.dumps(document, separators=(",", ":")).encode()
+        text += b" " * (-len(text) % 4)
+        binary = bytes(self.bin) + b"\0" * (-len(self.bin) % 4)
+        chunks = struct.pack("<I4s", len(text), b"JSON") + text
+        if binary:
+            chunks += struct.pack("<I4s", len(binary), b"BIN\0") + binary
+        path.write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)
+
+
+def floats(values):
+    return array.array("f", values).tobytes()
+
+
+def floor(scene, **more):
+    """A square from -1 to 1 as a primitive."""
+    corners = [(-1, 0, -1), (-1, 0, 1), (1, 0, -1), (1, 0, 1)]
+    columns = {"POSITION": ([x for p in corners for x in p], "VEC3"), "NORMAL": ([0, 1, 0] * 4, "VEC3"),
+               "TEXCOORD_0": ([x for p in corners for x in (p[0], p[2])], "VEC2")}
+    return {"attributes": {name: scene.accessor(floats(data), kind) for name, (data, kind) in columns.items()},
+            "indices": scene.accessor(array.array("H", [0, 1, 2, 2, 1, 3]).tobytes(), "SCALAR", 5123), **more}
+
+
+BOX = [(x, y, z) for x in (-.5, .5) for y in (-.5, .5) for z in (-.5, .5)]
+SIDES = [0, 1, 3, 0, 3, 2, 4, 6, 7, 4, 7, 5, 0, 4, 5, 0, 5, 1, 2, 3, 7, 2, 7, 6, 0, 2, 6, 0, 6, 4, 1, 5, 7, 1, 7, 3]
+
+
+def box(scene, **more):
+    return {"attributes": {"POSITION": scene.accessor(floats(x for p in BOX for x in p), "VEC3")},
+            "indices": scene.accessor(array.array("H", SIDES).tobytes(), "SCALAR", 5123), **more}
+
+
+def animate(scene, nodes, seconds=1.0):
+    """Every node moves up and down, on a curve of which no part is a line."""
+    time_of = scene.accessor(floats([0, seconds]), "SCALAR", min=[0], max=[seconds])
+    # Of each key: the tangent before it, the value, and the tangent after it.
+    value = scene.accessor(floats([0] * 9 + [0, -9, 0, 0, 1, 0, 0, -9, 0]), "VEC3")
+    scene.json["animations"] = [{"samplers": [{"input": time_of, "output": value, "interpolation": "CUBICSPLINE"}],
+                                 "channels": [{"sampler": 0, "target": {"node": n, "path": "translation"}} for n in nodes]}]
+
+
 def moving(path):
     """A box of glass, one of metal, lamps and the camera move over a floor; two variants of its material."""
     scene = Scene()
@@ -102,8 +202,8 @@ def moving(path):
         "KHR_materials_transmission": {"transmissionFactor": 1}, "KHR_materials_volume": {"thicknessFactor": 1}})
     lamp = scene.material(emissiveFactor=[1, .8, .6], doubleSided=True)
     variants = {"KHR_materials_variants": {"mappings": [{"material": m, "variants": [m]} for m in paint[:2]]}}
-    floor = grid(scene, 12, ("NORMAL", "TEXCOORD_0"), material=paint[0], extensions=variants)
-    scene.node(mesh=scene.mesh(floor), scale=[4, 1, 4])
+    ground = scene.mesh(floor(scene, material=paint[0], extensions=variants))
+    scene.node(mesh=ground, scale=[4, 1, 4])
     metal, bottle, bulb = (scene.mesh(box(scene, material=m)) for m in (paint[2], glass, lamp))
     lights = [{"type": "point", "intensity": 20}, {"type": "spot", "intensity": 90, "spot": {"outerConeAngle": .5}}]
     # The curves begin and end at the origin: a parent for each, at its place.
@@ -360,4 +460,15 @@ def commands(bismar, folder):
     return rows
 
 
-SECTIONS = {"Random commands": commands}
+def main():
+    if len(sys.argv) != 2:
+        sys.exit(__doc__)
+    with tempfile.TemporaryDirectory() as folder:
+        rows = commands(str(Path(sys.argv[1]).resolve()), Path(folder))
+    for what, tries, failures, remark in rows:
+        print(f"{what}: {failures} of {tries} {remark}", flush=True)
+    sys.exit(any(failures for _, _, failures, _ in rows))
+
+
+if __name__ == "__main__":
+    main()
