@@ -94,10 +94,11 @@ pub fn samples(seed: U, index: U, set: u32) -> [F; 4] {
     [number(0), number(1), number(2), number(3)]
 }
 
-/// 32 random bits of point `index` in the sequence of a pixel's `seed`, without stratification.
+/// 32 random bits of point `index` in the sequence of a pixel's `seed`, without stratification. Every set has a sequence of
+/// its own.
 #[inline(always)]
 pub fn keys(seed: U, index: U, set: u32) -> U {
-    hashes(seed ^ hashes(index ^ U::splat(set.rotate_left(24))))
+    hashes(index ^ hashes(seed ^ U::splat(hash(set ^ 0x6b65_7973))))
 }
 
 /// A hash-based Owen scramble of bit-reversed integers (Laine and Karras 2011 with the constants of Vegdahl 2021).

@@ -28,7 +28,7 @@ pub fn bsdf(depth: u32) -> u32 {
 /// Keys of the roulette of light samples at a depth.
 #[inline]
 pub fn roulette(depth: u32) -> u32 {
-    light(depth) | 1 << 8
+    (1 << 30) + depth
 }
 
 /// Sets of a ray's choices at thin walls.
@@ -44,3 +44,24 @@ pub fn wall(depth: u32, wall: u32) -> (u32, usize) {
 
 /// Where light samples are allocated to targets, those of area lights begin at this index of their pixel's sequence.
 pub const AREA_LIGHT_INDEX: u32 = 1 << 31;
+
+#[cfg(test)]
+mod tests {
+    use std::collections::HashSet;
+
+    use super::*;
+
+    #[test]
+    fn no_two_uses_share_numbers() {
+        let depths = || 0..MAX_SEGMENTS;
+        let walls = || depths().flat_map(|depth| (0..MAX_WALLS).map(move |n| wall(depth, n)));
+        assert_eq!(walls().collect::<HashSet<_>>().len() as u32, MAX_SEGMENTS * MAX_WALLS);
+        let wall_sets: HashSet<_> = walls().map(|(set, _)| set).collect();
+        let samples = depths().flat_map(|depth| [light(depth), bsdf(depth)]).chain([CAMERA, TIME, CHANNEL]);
+        let samples: Vec<_> = samples.chain(wall_sets).collect();
+        let keys: Vec<_> = depths().flat_map(|depth| [light(depth), bsdf(depth), roulette(depth)]).collect();
+        for sets in [samples, [keys, vec![CAMERA]].concat()] {
+            assert_eq!(sets.iter().collect::<HashSet<_>>().len(), sets.len());
+        }
+    }
+}
