@@ -1,14 +1,12 @@
 //! Batches of rays and hits, as structure of arrays.
 
-use serde::{Deserialize, Serialize};
-
 use crate::lanes::{F, LANES, Rows, U, V3, load, store, store_bits};
 
 /// Marks a miss in the index columns of [`HitBatch`].
 pub const MISS: u32 = u32::MAX;
 
 /// Rays as structure of arrays; all columns have the same length.
-#[derive(Debug, Default, Clone, Serialize, Deserialize)]
+#[derive(Debug, Default, Clone)]
 pub struct RayBatch {
     /// World-space origins, x, y, z.
     pub origin: [Vec<f32>; 3],
@@ -21,7 +19,6 @@ pub struct RayBatch {
     /// Random number of the ray: seed of the stochastic test at alpha-blended surfaces.
     pub key: Vec<u32>,
     /// Time from 0 (shutter opens) to 1 (shutter closes); empty where nothing moves.
-    #[serde(default)]
     pub time: Vec<f32>,
 }
 
@@ -43,7 +40,7 @@ pub struct HitBatch {
 }
 
 /// Coherence of neighbouring rays in a batch. A hint: it may only change which one of several coincident surfaces is hit.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RayOrder {
     /// Neighbours are similar: camera rays of one tile.
     Coherent,
