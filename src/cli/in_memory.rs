@@ -17,8 +17,7 @@ use super::labels::LabelsArgs;
 use super::look::LookArgs;
 pub use super::look::{Looked, Shot};
 use super::merge::MergeArgs;
-use super::render::{Inputs, Loaded, OutputWriter, RenderArgs, Session, claim_output, declare, preview_mark, settings};
-use super::stats::{Seconds, Stats};
+use super::render::request;
 use crate::console::{Paths, Verbosity, host};
 use crate::film::aov::{Channel, Value, beauty};
 use crate::film::compare::{Comparison, compare as compare_pictures, in_common};
@@ -26,6 +25,8 @@ use crate::film::denoise::Denoiser;
 use crate::film::picture::Picture as FilmPicture;
 use crate::film::{Background, Exposure, Look, Pixels, View, colors, denoised, preview};
 use crate::integrator::PreparedScene;
+use crate::job::stats::{Seconds, Stats};
+use crate::job::{Inputs, Loaded, OutputWriter, RenderRequest, Session, claim_output, preview_mark, settings};
 use crate::render::camera::lens;
 use crate::render::{Identity, Progress, RenderSettings, Rendered, RunOptions, StopReason, run};
 use crate::scene::import::{self, Summary};
@@ -67,11 +68,10 @@ impl LoadedScene {
     /// [`Error::Usage`] for options, those of the import and of the build, and [`Error::Host`] if memory does not suffice.
     pub fn load(path: &Path, options: &Options) -> Result<Self> {
         let mut options = options.to_vec();
-        let args = parse::<RenderArgs>("render", &options, &[path])?;
-        args.check()?;
-        let inputs = Inputs::read(&args)?;
-        session(&args, &inputs).check_memory()?;
-        let mut loaded = Loaded::load(&args, &inputs, &|_, _| true)?;
+        let request = request(path, &options)?;
+        let inputs = Inputs::read(&request)?;
+        session(&request, &inputs).check_memory()?;
+        let mut loaded = Loaded::load(&request, &inputs, &|_, _| true)?;
         if !loaded.prepared.scene.cameras.iter().any(|camera| camera.name == Framing::NAME) {
             // Every scene has the view that shows all of it.
             let mut scene = Scene::clone(&loaded.prepared.scene);
@@ -81,7 +81,7 @@ impl LoadedScene {
             }
         }
         options.retain(|(name, _)| name != "aov");
-        let with_velocities = args.has_velocities();
+        let with_velocities = request.has_velocities();
         let (inputs, loaded) = (inputs.into(), loaded.into());
         Ok(Self { options, path: path.into(), inputs, loaded, placed: Vec::new(), with_velocities })
     }
@@ -118,8 +118,8 @@ impl LoadedScene {
     /// # Errors
     /// Those of [`import::import`].
     pub fn inspect(&self) -> Result<Summary> {
-        let args = parse::<RenderArgs>("render", &self.options, &[&self.path])?;
-        Ok(import::summary(&import::import(&self.path, &args.selection.options(false, false))?))
+        let request = request(&self.path, &self.options)?;
+        Ok(import::summary(&import::import(&self.path, &request.selection.options(false, false))?))
     }
 
     /// Renders a picture on the current rayon pool. `options` are flags of `bismar render` that concern the view, the
@@ -147,32 +147,30 @@ impl LoadedScene {
     ) -> Result<RenderedPicture> {
         let began = Instant::now();
         let all = [&self.options[..], options].concat();
-        let mut args = parse::<RenderArgs>("render", &all, &[&self.path])?;
-        args.check()?;
-        if args.has_velocities() && !self.with_velocities {
+        let mut request = request(&self.path, &all)?;
+        if request.has_velocities() && !self.with_velocities {
             return Err(Error::Usage("the AOV velocity: load the scene with velocity".into()));
         }
-        let with_view = self.loaded.placed(&args)?.map(Arc::new);
+        let with_view = self.loaded.placed(&request)?.map(Arc::new);
         let loaded = with_view.unwrap_or_else(|| Arc::clone(&self.loaded));
-        let settings = settings(&args, &loaded.prepared.scene)?;
+        let settings = settings(&request, &loaded.prepared.scene)?;
         lens(&loaded.prepared, &settings)?;
-        args.placed = self.placed.iter().find(|(index, _)| *index == settings.camera).map(|(_, placed)| placed.clone());
-        let mut given = all;
-        if let Some(placed) = &args.placed {
+        request.placed =
+            self.placed.iter().find(|(index, _)| *index == settings.camera).map(|(_, placed)| placed.clone());
+        if let (Some(placed), Some(given)) = (&request.placed, &mut request.given) {
             given.retain(|(name, _)| name != "camera");
             given.push(("placed".into(), Some(placed.to_string())));
         }
-        args.given = Some(given);
-        session(&args, &self.inputs).check_memory()?;
-        if args.denoise.is_some() {
+        session(&request, &self.inputs).check_memory()?;
+        if request.denoise.is_some() {
             Denoiser::load()?;
         }
-        let identity = self.inputs.identity(&args, &settings);
+        let identity = self.inputs.identity(&request, &settings);
         let rendered = passes(&loaded.prepared, &settings, began)?;
         let seconds =
             Seconds { render: rendered.stats.render_seconds, total: began.elapsed().as_secs_f64(), ..loaded.seconds() };
         let picture = RenderedPicture {
-            args,
+            request,
             inputs: Arc::clone(&self.inputs),
             loaded,
             identity,
@@ -216,7 +214,7 @@ pub enum Values {
 
 /// A rendered picture in memory. It keeps its scene in memory.
 pub struct RenderedPicture {
-    args: RenderArgs,
+    request: RenderRequest,
     inputs: Arc<Inputs>,
     loaded: Arc<Loaded>,
     identity: Identity,
@@ -242,7 +240,7 @@ impl RenderedPicture {
 
     /// Names for [`Self::layer`]: `beauty` and the AOVs.
     pub fn layers(&self) -> Vec<&'static str> {
-        ["beauty"].into_iter().chain(self.args.aovs().into_iter().map(|aov| aov.name())).collect()
+        ["beauty"].into_iter().chain(self.request.aovs.iter().map(|aov| aov.name())).collect()
     }
 
     /// A layer's channels, named as in the file without the layer, and their values.
@@ -254,7 +252,7 @@ impl RenderedPicture {
         let channels = if name == "beauty" {
             beauty(self.rendered.background)
         } else {
-            let aovs = self.args.aovs().into_iter();
+            let aovs = self.request.aovs.iter();
             let channels = aovs.flat_map(|aov| {
                 let whole = aov.name() == name;
                 let mut channels = aov.channels(settings.aovs, settings.extras);
@@ -274,7 +272,7 @@ impl RenderedPicture {
     /// Statistics, as `bismar render --stats` writes them.
     pub fn stats(&self) -> Stats {
         let (scene, backend) = (&self.loaded.prepared.scene, self.loaded.prepared.rays.info());
-        let mut stats = Stats::new(&self.args.scene, scene, backend, self.threads, &self.rendered, self.seconds);
+        let mut stats = Stats::new(&self.request.scene, scene, backend, self.threads, &self.rendered, self.seconds);
         stats.exposure = Exposure::Auto.of(colors(&self.rendered.pixels()));
         stats
     }
@@ -313,12 +311,12 @@ impl RenderedPicture {
     /// [`Error::Usage`] for another ending, those of writing files.
     pub fn save(&self, path: &Path, look: (View, Exposure), resumable: bool, half: bool) -> Result<()> {
         let mut paths = Paths::default();
-        let mut args = self.args.clone();
-        args.output = Some(path.into());
-        declare(&args, "", &mut paths)?;
+        let mut request = self.request.clone();
+        request.output = path.into();
+        request.declare("", &mut paths)?;
         self.inputs.declare(&mut paths)?;
         let ending = path.extension().map(|ending| ending.to_ascii_lowercase()).unwrap_or_default();
-        (args.view, args.exposure) = look;
+        (request.view, request.exposure) = look;
         match ending.to_str() {
             Some("exr") if self.has_own_heuristic => Err(Error::Usage(format!(
                 "{}: a picture by a heuristic of one's own cannot be saved as EXR, whose header would have to say how it was \
@@ -327,20 +325,19 @@ impl RenderedPicture {
             ))),
             Some("exr") => {
                 let _claim = claim_output(path)?;
-                args.output = Some(path.into());
-                args.half = half;
+                request.half = half;
                 let Self { inputs, loaded, identity, rendered, .. } = self;
                 let with_statistics = resumable || self.is_interrupted();
                 let writer =
-                    OutputWriter::new(&args, inputs, loaded, self.threads, &rendered.settings, identity, resumable)?;
+                    OutputWriter::new(&request, inputs, loaded, self.threads, &rendered.settings, identity, resumable)?;
                 writer.write_final(rendered, with_statistics, Instant::now(), &AtomicBool::new(false)).map(drop)
             }
             Some(_) if preview::has_ending(path) => {
                 let _claim = claim_output(path)?;
-                let exposure = args.exposure.of(colors(&self.rendered.pixels()));
-                let look = Look { view: args.view, exposure };
-                let mark = preview_mark(&args, &self.inputs, self.rendered.stats.paths);
-                if args.denoise.is_none() {
+                let exposure = request.exposure.of(colors(&self.rendered.pixels()));
+                let look = Look { view: request.view, exposure };
+                let mark = preview_mark(&request, &self.inputs, self.rendered.stats.paths);
+                if request.denoise.is_none() {
                     return preview::write(path, &self.rendered.pixels(), look, &mark);
                 }
                 let picture = FilmPicture { rgb: self.denoised()?.to_vec(), ..self.picture() };
@@ -358,7 +355,7 @@ impl RenderedPicture {
     pub fn png(&self) -> Result<Vec<u8>> {
         let exposure = Exposure::Auto.of(colors(&self.rendered.pixels()));
         let mut picture = self.picture();
-        if self.args.denoise.is_some() {
+        if self.request.denoise.is_some() {
             picture.rgb = self.denoised()?.to_vec();
         }
         preview::encoded_picture(&picture, Look { view: View::Agx, exposure })
@@ -462,6 +459,6 @@ pub fn default_threads() -> Result<usize> {
     host::threads(None).map(|(threads, _)| threads)
 }
 
-fn session<'a>(args: &'a RenderArgs, inputs: &'a Inputs) -> Session<'a> {
-    Session { args, inputs, threads: rayon::current_num_threads(), began: Instant::now(), replaces: false }
+fn session<'a>(request: &'a RenderRequest, inputs: &'a Inputs) -> Session<'a> {
+    Session { request, inputs, threads: rayon::current_num_threads(), began: Instant::now(), replaces: false }
 }
