@@ -119,3 +119,16 @@ fn render(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
         Ok(Verdict::Done)
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_request_by_default_is_the_command_without_flags() {
+        let plain = request(Path::new("a.glb"), &[]).unwrap();
+        let (scene, output, given) = ("a.glb".into(), "a.exr".into(), Some(Vec::new()));
+        let default = RenderRequest { scene, output, given, ..RenderRequest::default() };
+        assert_eq!(format!("{plain:#?}"), format!("{default:#?}"));
+    }
+}
