@@ -19,7 +19,8 @@ fn main() -> Result<()> {
     let scene = PreparedScene::build(Arc::new(scene), Backend::Embree)?;
 
     let picture = |balance, spp, seed| -> Result<Vec<[f32; 3]>> {
-        let settings = RenderSettings { width: 160, height: 90, spp: Some(spp), balance, seed, ..Default::default() };
+        let settings =
+            RenderSettings { width: 160, height: 90, spp: Some(spp), balance, seed, ..RenderSettings::even() };
         let film = render(&scene, &settings, &AtomicBool::new(false), &|_| ())?.film();
         Ok(film.pixels.iter().map(|pixel| pixel.mean()).collect())
     };

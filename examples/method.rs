@@ -45,7 +45,8 @@ fn main() -> Result<()> {
     let path = std::env::args_os().nth(1).map_or("scenes/veach.glb".into(), PathBuf::from);
     let scene = PreparedScene::build(Arc::new(import(&path, &Default::default())?.scene), Backend::Embree)?;
     let picture = |balance, spp, seed| -> Result<Vec<f64>> {
-        let settings = RenderSettings { width: 96, height: 64, spp: Some(spp), balance, seed, ..Default::default() };
+        let settings =
+            RenderSettings { width: 96, height: 64, spp: Some(spp), balance, seed, ..RenderSettings::even() };
         let film = render(&scene, &settings, &AtomicBool::new(false), &|_| ())?.film();
         Ok(film.pixels.iter().flat_map(|pixel| pixel.mean()).map(f64::from).collect())
     };

@@ -48,7 +48,7 @@ impl PathEvents for PathLengths {
 fn main() -> Result<()> {
     let path = std::env::args_os().nth(1).map_or("scenes/cornell.glb".into(), PathBuf::from);
     let scene = PreparedScene::build(Arc::new(import(&path, &Default::default())?.scene), Backend::Embree)?;
-    let settings = RenderSettings { width: 128, height: 128, max_depth: 16, ..Default::default() };
+    let settings = RenderSettings { width: 128, height: 128, max_depth: 16, ..RenderSettings::even() };
     let transport = transport(&scene, &settings);
     // One wave per row, 16 paths per pixel.
     let (mut wave, mut lengths) = (Wave::default(), PathLengths::default());

@@ -34,6 +34,7 @@ pub mod batch;
 pub mod cli;
 pub mod console;
 pub mod farm;
+pub mod job;
 pub mod render;
 
 pub use bismar_scene::{Error, Result, color, error, film, guard, scene};

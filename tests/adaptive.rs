@@ -35,7 +35,7 @@ fn settings() -> RenderSettings {
         spp: Some(32),
         balance: Balance::Half,
         adaptive: Choice::On,
-        ..Default::default()
+        ..RenderSettings::even()
     }
 }
 

@@ -30,7 +30,7 @@ fn rendered_by(scene: Scene, balance: Balance, adaptive: Choice) -> Rendered {
         extras: true,
         balance,
         adaptive,
-        ..Default::default()
+        ..RenderSettings::even()
     };
     render(&stage.scene, &settings, &AtomicBool::new(false), &|_| ()).unwrap()
 }

@@ -11,7 +11,7 @@ use bismar::scene::Scene;
 use crate::helpers::stage::{Stage, hall};
 
 fn settings() -> RenderSettings {
-    RenderSettings { width: 50, height: 37, spp: Some(40), aovs: true, ..Default::default() }
+    RenderSettings { width: 50, height: 37, spp: Some(40), aovs: true, ..RenderSettings::even() }
 }
 
 fn rendered(stage: &Stage, settings: &RenderSettings, threads: usize) -> Rendered {

@@ -19,7 +19,14 @@ pub const BALANCES: [Balance; 5] =
 pub const REPLICAS: u32 = 300;
 
 pub fn settings() -> RenderSettings {
-    RenderSettings { width: 2, height: 2, spp: Some(32), seed: 1000, filter: PixelFilter::Box, ..Default::default() }
+    RenderSettings {
+        width: 2,
+        height: 2,
+        spp: Some(32),
+        seed: 1000,
+        filter: PixelFilter::Box,
+        ..RenderSettings::even()
+    }
 }
 
 /// Renders with every balance, backend and the two integrators; all must agree with `expected`.

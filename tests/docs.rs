@@ -4,7 +4,9 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
-use crate::helpers::program::{program, scene};
+use serde_json::Value;
+
+use crate::helpers::program::{bismar, program, scene};
 
 /// What stands between ```sh and ```.
 fn commands(page: &str) -> String {
@@ -35,5 +37,59 @@ fn commands_of_short_pages_run() {
         let output = shell.env("PATH", path).output().unwrap();
         assert!(output.status.success(), "{page}: {}", String::from_utf8_lossy(&output.stderr));
         assert!(folder.path().join(file).exists(), "{page}: no {file}");
+    }
+}
+
+/// Flags that Python's functions lack: files that a process writes or that many pictures share, and its interruption.
+const NOT_IN_PYTHON: [(&str, &[&str]); 5] = [
+    (
+        "render",
+        &[
+            "cameras",
+            "checkpoint",
+            "frames",
+            "keep",
+            "on-checkpoint",
+            "output",
+            "part",
+            "path-mapping",
+            "preview",
+            "replay-pixel",
+            "resume",
+            "stats",
+            "tev",
+            "turntable",
+        ],
+    ),
+    ("merge", &["frames", "no-statistics", "path-mapping", "wait"]),
+    ("labels", &[]),
+    ("develop", &[]),
+    ("look", &["output", "page"]),
+];
+
+#[test]
+fn every_option_is_a_keyword_of_the_python_package() {
+    let package = Path::new(env!("CARGO_MANIFEST_DIR")).join("python/bismar/__init__.py");
+    let package = fs::read_to_string(package).unwrap();
+    // The parameters of a function, after what precedes it in the file.
+    let keywords = |after: &str, function: &str| {
+        let rest = &package[package.find(after).unwrap()..];
+        let rest = rest.split_once(&format!("def {function}(")).unwrap().1;
+        rest.split_once(") ->").unwrap().0.to_owned()
+    };
+    let options = bismar(Path::new(".")).arg("options").output().unwrap().stdout;
+    let options: Value = serde_json::from_slice(&options).unwrap();
+    for (command, missing) in NOT_IN_PYTHON {
+        let functions = match command {
+            "render" => &[("", "load"), ("class Scene:", "render"), ("class Picture:", "save")][..],
+            other => &[("", other)],
+        };
+        let all: String = functions.iter().map(|(after, function)| keywords(after, function)).collect();
+        let lacks =
+            |option: &&Value| !all.contains(&format!(" {}: ", option["name"].as_str().unwrap().replace('-', "_")));
+        let found: Vec<_> = options[command].as_array().unwrap().iter().filter(lacks).collect();
+        let mut found: Vec<_> = found.iter().map(|option| option["flag"].as_str().unwrap()).collect();
+        found.sort();
+        assert_eq!(found, missing, "flags of `bismar {command}`");
     }
 }

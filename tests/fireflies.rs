@@ -23,7 +23,7 @@ fn mean(rendered: &Rendered) -> f64 {
 const SMALL: (u32, u32) = (40, 30);
 
 fn settings() -> RenderSettings {
-    RenderSettings { width: SMALL.0, height: SMALL.1, spp: Some(32), ..Default::default() }
+    RenderSettings { width: SMALL.0, height: SMALL.1, spp: Some(32), ..RenderSettings::even() }
 }
 
 #[test]

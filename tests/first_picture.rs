@@ -119,7 +119,7 @@ fn the_camera_and_mirrors_do_not_see_back_faces_and_diffuse_light_does() {
         let mean = |double_sided, back_faces| {
             let stage = Stage::new(walls(double_sided).into(), backend);
             let settings =
-                RenderSettings { width: 32, height: 32, spp: Some(64), back_faces, ..RenderSettings::default() };
+                RenderSettings { width: 32, height: 32, spp: Some(64), back_faces, ..RenderSettings::even() };
             let green = stage.green(&settings);
             let column = |x: usize| (12..20).map(|y| green[y * 32 + x]).sum::<f64>() / 8.0;
             [column(10), column(22)]
@@ -137,7 +137,7 @@ fn the_camera_and_mirrors_do_not_see_back_faces_and_diffuse_light_does() {
 #[test]
 fn paths_through_back_faces_are_those_of_the_scalar_tracer() {
     let stage = Stage::new(walls(false).into(), Backend::Obvhs);
-    let settings = RenderSettings { width: 20, height: 15, ..RenderSettings::default() };
+    let settings = RenderSettings { width: 20, height: 15, ..RenderSettings::even() };
     let transport = transport(&stage.scene, &settings);
     let counts = Counts::half(1);
     let tasks: Vec<_> = (0..300).map(|i| PixelTask::first([i % 20, i / 20], counts, i)).collect();

@@ -37,7 +37,7 @@ fn cove() -> Arc<Scene> {
 }
 
 fn settings(guiding: Guiding) -> RenderSettings {
-    RenderSettings { width: 36, height: 24, spp: Some(8), balance: Balance::Half, guiding, ..Default::default() }
+    RenderSettings { width: 36, height: 24, spp: Some(8), balance: Balance::Half, guiding, ..RenderSettings::even() }
 }
 
 /// A training sample that light comes from `wi` to a point of the hall's floor.

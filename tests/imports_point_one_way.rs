@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Each room and the rooms that it may see. `error`, `guard`, `lanes` and `color` are tools that all may use.
-const SEES: [(&str, &[&str]); 18] = [
+const SEES: [(&str, &[&str]); 19] = [
     ("error", &[]),
     ("guard", &[]),
     ("lanes", &[]),
@@ -21,6 +21,7 @@ const SEES: [(&str, &[&str]); 18] = [
     ("integrator", &["scene", "rays", "light", "bsdf", "sampling", "balance", "film", "guiding"]),
     ("render", &["scene", "rays", "light", "sampling", "balance", "film", "guiding", "integrator"]),
     ("console", &["film", "render"]),
+    ("job", &["scene", "rays", "light", "film", "integrator", "render", "console"]),
     ("batch", ALL),
     ("farm", ALL),
     ("cli", ALL),
@@ -37,6 +38,7 @@ const ALL: &[&str] = &[
     "integrator",
     "render",
     "console",
+    "job",
     "batch",
     "farm",
 ];
@@ -49,8 +51,8 @@ const KEPT_IN: [(&str, &[&str]); 7] = [
     ("embree4_sys", &["rays/embree"]),
     ("obvhs::", &["rays/cwbvh"]),
     ("clap::", &["cli", "console"]),
-    ("std::fs", &["scene/import/source", "film", "console", "cli", "batch", "farm"]),
-    ("std::process", &["cli", "console", "batch", "farm", "main.rs"]),
+    ("std::fs", &["scene/import/source", "film", "console", "job", "cli", "batch", "farm"]),
+    ("std::process", &["cli", "console", "job", "batch", "farm", "main.rs"]),
 ];
 
 /// Where the rooms are: three crates hold them.

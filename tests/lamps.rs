@@ -29,7 +29,7 @@ fn house() -> Arc<Scene> {
 }
 
 fn settings(balance: Balance) -> RenderSettings {
-    RenderSettings { width: 36, height: 24, spp: Some(16), max_depth: 4, balance, ..Default::default() }
+    RenderSettings { width: 36, height: 24, spp: Some(16), max_depth: 4, balance, ..RenderSettings::even() }
 }
 
 fn on_threads(stage: &Stage, settings: &RenderSettings, threads: usize) -> Rendered {

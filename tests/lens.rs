@@ -106,7 +106,7 @@ fn a_blurred_edge_is_its_closed_form() {
                     filter: PixelFilter::Box,
                     balance: Balance::Half,
                     lens: Some(lens),
-                    ..Default::default()
+                    ..RenderSettings::even()
                 };
                 for (i, green) in stage.green(&settings).into_iter().enumerate() {
                     if i < means.len() {

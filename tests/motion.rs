@@ -32,7 +32,14 @@ const REPLICAS: u32 = 200;
 
 fn settings() -> RenderSettings {
     let balance = Balance::Half;
-    RenderSettings { width: COLUMNS, height: 8, spp: Some(16), filter: PixelFilter::Box, balance, ..Default::default() }
+    RenderSettings {
+        width: COLUMNS,
+        height: 8,
+        spp: Some(16),
+        filter: PixelFilter::Box,
+        balance,
+        ..RenderSettings::even()
+    }
 }
 
 fn along(x: f64) -> DAffine3 {
@@ -148,7 +155,7 @@ fn floor() -> Scene {
 }
 
 fn small() -> RenderSettings {
-    RenderSettings { width: 2, height: 2, spp: Some(32), filter: PixelFilter::Box, ..Default::default() }
+    RenderSettings { width: 2, height: 2, spp: Some(32), filter: PixelFilter::Box, ..RenderSettings::even() }
 }
 
 #[test]

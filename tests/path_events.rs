@@ -89,7 +89,7 @@ impl PathEvents for Ledger {
 fn events_are_all_that_a_wave_adds_and_clients_do_not_see_each_other() {
     for (scene, limit) in [(hall(), None), (glass_hall(), Some(0.5))] {
         let stage = Stage::new(scene, Backend::Obvhs);
-        let settings = RenderSettings { width: 24, height: 18, max_depth: 9, ..Default::default() };
+        let settings = RenderSettings { width: 24, height: 18, max_depth: 9, ..RenderSettings::even() };
         let settings = RenderSettings { clamp_direct: limit, clamp_indirect: limit, ..settings };
         let transport = transport(&stage.scene, &settings);
         let tasks: Vec<_> = (0..24 * 18).map(|i| PixelTask::first([i % 24, i / 24], Counts::new(0.6, 5), i)).collect();

@@ -423,7 +423,7 @@ fn what_a_render_says_it_needs_is_enough() {
 fn settings_that_cannot_be_rendered_are_refused_with_their_name() {
     let stage = Stage::new(hall(), Backend::Embree);
     let settings =
-        || RenderSettings { width: 20, height: 10, spp: Some(1), balance: Balance::Half, ..Default::default() };
+        || RenderSettings { width: 20, height: 10, spp: Some(1), balance: Balance::Half, ..RenderSettings::even() };
     let lens =
         |aperture, focus, blades| RenderSettings { lens: Some(LensSettings { aperture, focus, blades }), ..settings() };
     let second_order = || RenderSettings { balance: Balance::SecondOrder, ..settings() };

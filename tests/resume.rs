@@ -76,7 +76,7 @@ fn interruptions_anywhere_leave_no_trace() {
             balance,
             crop,
             part,
-            ..Default::default()
+            ..RenderSettings::even()
         };
         let whole = render(&stage.scene, &settings, &AtomicBool::new(false), &|_| ()).unwrap();
         let (pieces, sessions) = in_pieces(&stage, &settings, 2);
@@ -120,7 +120,7 @@ fn a_method_of_another_crate_is_rendered_with_guiding_and_interrupted_as_ours_ar
     let stage = Stage::new(hall(), Backend::Embree);
     let of = |balance| {
         let guiding = Choice::On;
-        RenderSettings { width: 50, height: 37, spp: Some(24), balance, guiding, aovs: true, ..Default::default() }
+        RenderSettings { width: 50, height: 37, spp: Some(24), balance, guiding, aovs: true, ..RenderSettings::even() }
     };
     let (mine, kl) = (of(Balance::Custom(CustomMethod(&Mine))), of(Balance::Kl));
     let whole = render(&stage.scene, &kl, &AtomicBool::new(false), &|_| ()).unwrap();
@@ -139,7 +139,7 @@ fn checkpoints_leave_no_trace_and_each_can_go_on() {
     let stop = AtomicBool::new(false);
     // A pause that took long is followed by a long wait: on a busy machine it takes more paths to see a second one.
     let at = |spp| {
-        let settings = RenderSettings { width: 50, height: 37, spp: Some(spp), ..Default::default() };
+        let settings = RenderSettings { width: 50, height: 37, spp: Some(spp), ..RenderSettings::even() };
         let whole = all_bits(&render(&stage.scene, &settings, &stop, &|_| ()).unwrap());
         let mut saved = Vec::new();
         let mut save = |r: &Rendered| saved.push((all_bits(r), r.stats));

@@ -51,7 +51,7 @@ fn each_path_of_a_wave_is_the_scalar_path() {
         (globe_hall(), Backend::Obvhs, Balance::Power, 8, 4000, Guiding::On, false, Straight),
     ] {
         let stage = Stage::new(scene, backend);
-        let settings = RenderSettings { width: 20, height: 15, balance, max_depth, guiding, ..Default::default() };
+        let settings = RenderSettings { width: 20, height: 15, balance, max_depth, guiding, ..RenderSettings::even() };
         // Without effect where there are no bodies of smooth glass.
         let settings = RenderSettings { glass_shadows, ..settings };
         let limit = |most| Some(most).filter(|_| balance == Balance::Max);

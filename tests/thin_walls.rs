@@ -285,7 +285,7 @@ const LIGHTS: [Light; 5] = [
 
 #[test]
 fn a_room_behind_panes_is_no_noisier_than_one_without() {
-    let settings = RenderSettings { width: 24, height: 18, spp: Some(32), max_depth: 8, ..Default::default() };
+    let settings = RenderSettings { width: 24, height: 18, spp: Some(32), max_depth: 8, ..RenderSettings::even() };
     for (name, light) in LIGHTS {
         for (backend, guiding) in
             [(Backend::Embree, Guiding::Off), (Backend::Obvhs, Guiding::Off), (Backend::Embree, Guiding::On)]
@@ -408,7 +408,7 @@ fn a_thread_that_has_rendered_panes_renders_other_scenes_as_before() {
             aovs: true,
             balance,
             transparent,
-            ..Default::default()
+            ..RenderSettings::even()
         };
         let bits = |stages: &[&Stage]| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();

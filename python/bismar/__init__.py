@@ -103,10 +103,6 @@ def _text(value: Any) -> str:
         raise UsageError(f"{value!r} is neither a number nor a text", 64) from None
 
 
-def _switch(value: Union[str, bool, None]) -> Optional[str]:
-    return ("on" if value else "off") if isinstance(value, bool) else value
-
-
 def _numbers(name: str, value: Any, count: int) -> Tuple[Any, ...]:
     """A tuple of so many numbers."""
     try:
@@ -118,16 +114,24 @@ def _numbers(name: str, value: Any, count: int) -> Tuple[Any, ...]:
     return numbers
 
 
-def _flags(**options: Any) -> List[Tuple[str, Optional[str]]]:
-    """Keyword arguments as flags of the command line."""
+def _flags(given: Dict[str, Any], *others: str) -> List[Tuple[str, Optional[str]]]:
+    """The arguments of a function, but for `others`, as flags of the command line."""
     flags: List[Tuple[str, Optional[str]]] = []
-    for name, value in options.items():
-        if value is None or value is False:
+    for name, value in given.items():
+        if name in ("energy_compensation", "adaptive") and isinstance(value, bool):
+            value = "on" if value else "off"
+        if name in others or value is None or value is False:
             continue
         if name == "size":
             value = value if isinstance(value, str) else "x".join(map(_text, _numbers(name, value, 2)))
-        if name == "crop":
+        elif name == "crop":
             value = _numbers(name, value, 4)
+        elif name == "denoise":
+            value = "oidn"
+        elif name == "aovs" and not isinstance(value, str):
+            value = ",".join(value) or "none"
+        # Not by the aliases, which pictures' headers do not have.
+        name = {"scene": "scene_name", "aovs": "aov"}.get(name, name)
         flags.append((name.replace("_", "-"), None if value is True else _text(value)))
     return flags
 
@@ -175,27 +179,7 @@ def load(
     Raises InputError for a file that is missing or cannot be used, UsageError for wrong arguments, HostError where memory
     or Embree do not suffice.
     """
-    options = _flags(
-        env=env,
-        env_rotate=env_rotate,
-        env_strength=env_strength,
-        sky=sky,
-        no_env=no_env,
-        energy_compensation=_switch(energy_compensation),
-        light_unit=light_unit,
-        scene_name=scene,
-        variant=variant,
-        pose=pose,
-        frame=frame,
-        fps=fps,
-        animation=animation,
-        shutter=shutter,
-        motion_steps=motion_steps,
-        strict=strict,
-        rays=rays,
-        memory_limit=memory_limit,
-        aov="velocity" if velocity else None,
-    )
+    options = _flags(locals(), "path", "threads", "velocity") + ([("aov", "velocity")] if velocity else [])
     return Scene(_bismar.load(path, options, threads))
 
 
@@ -275,6 +259,7 @@ class Scene:
         clamp_indirect: Optional[float] = None,
         filter: Optional[str] = None,
         seed: Optional[int] = None,
+        seed_per_frame: bool = False,
         crop: Optional[Tuple[int, int, int, int]] = None,
         aperture: Union[str, float, None] = None,
         focus: Union[str, float, None] = None,
@@ -306,6 +291,7 @@ class Scene:
         guiding, adaptive, learned_lights, compensation: "off", "on" or "auto" (where a pre-pass estimates that it
             pays) [default: auto with the balance "progressive"]. adaptive: paths per tile by estimated
             variance and cost.
+        seed_per_frame: another noise pattern for each `frame` of `load`.
         crop: window x0, y0, x1, y1 in pixels, the last two exclusive.
         aperture: an f-stop such as "f/2.8" or a radius in metres; focus: a distance in metres or "auto".
         transparent: hides the environment. ground: "shadow", a plane below the scene that shows only shadows, in alpha.
@@ -326,42 +312,7 @@ class Scene:
             heuristic, balance = balance, None
             if not isinstance(size, tuple) or len(size) != 2:
                 raise UsageError("balance: a heuristic of one's own needs size=(width, height)", 64)
-        if not (aovs is None or isinstance(aovs, str)):
-            aovs = ",".join(aovs) or "none"
-        options = _flags(
-            camera=camera,
-            orbit=orbit,
-            preset=preset,
-            size=size,
-            spp=spp,
-            time=time,
-            noise=noise,
-            min_spp=min_spp,
-            adaptive=_switch(adaptive),
-            learned_lights=learned_lights,
-            compensation=compensation,
-            balance=balance,
-            pilot=pilot,
-            integrator=integrator,
-            max_depth=max_depth,
-            guiding=guiding,
-            guiding_memory=guiding_memory,
-            clamp_direct=clamp_direct,
-            clamp_indirect=clamp_indirect,
-            filter=filter,
-            seed=seed,
-            crop=crop,
-            aperture=aperture,
-            focus=focus,
-            lens_blades=lens_blades,
-            transparent=transparent,
-            ground=ground,
-            back_faces=back_faces,
-            glass_shadows=glass_shadows,
-            no_clip=no_clip,
-            aov=aovs,
-            denoise="oidn" if denoise else None,
-        )
+        options = _flags(locals(), "self", "progress", "heuristic")
         call = None if progress is None else (lambda *now: progress(Progress(*now)))
         window = (0, 0, *(size if isinstance(size, tuple) else (0, 0))) if crop is None else crop
         shape = (window[3] - window[1], window[2] - window[0])
@@ -515,6 +466,8 @@ def look(
     frame: Optional[float] = None,
     fps: Optional[float] = None,
     animation: Union[str, int, None] = None,
+    shutter: Optional[Tuple[float, float]] = None,
+    motion_steps: Optional[int] = None,
     memory_limit: Union[str, int, None] = None,
     threads: Optional[int] = None,
 ) -> Look:
@@ -531,20 +484,7 @@ def look(
     """
     if not (views is None or isinstance(views, str)):
         views = ",".join(views)
-    options = _flags(
-        views=views,
-        size=size,
-        spp=spp,
-        frames=frames,
-        max_flip=max_flip,
-        scene_name=scene,
-        variant=variant,
-        pose=pose,
-        frame=frame,
-        fps=fps,
-        animation=animation,
-        memory_limit=memory_limit,
-    )
+    options = _flags(locals(), "path", "new", "threads")
     return Look(_bismar.look([path] if new is None else [path, new], options, threads))
 
 
@@ -575,7 +515,7 @@ def merge(
     Pictures of different seeds must hold their statistics: `Picture.save(path, resumable=True)`.
     preview: also write a PNG. statistics: keep what a render could be continued from.
     """
-    options = _flags(output=output, preview=preview, view=view, exposure=exposure, no_statistics=not statistics)
+    options = _flags({**locals(), "no_statistics": not statistics}, "parts", "statistics")
     _bismar.merge(list(parts), options)
 
 
@@ -601,16 +541,7 @@ def labels(
 
     Raises InputError for a picture without the AOV.
     """
-    options = _flags(
-        output=output,
-        by=by,
-        images=images,
-        ids=ids,
-        depth=depth,
-        depth_scale=depth_scale,
-        normals=normals,
-        normal_space=normal_space,
-    )
+    options = _flags(locals(), "pictures")
     _bismar.labels(list(pictures), options)
 
 
@@ -626,4 +557,4 @@ def develop(
 
     output: [default: the picture's name with .png, in the same folder]. layer: shown instead of the beauty.
     """
-    _bismar.develop(input, _flags(output=output, view=view, exposure=exposure, layer=layer))
+    _bismar.develop(input, _flags(locals(), "input"))

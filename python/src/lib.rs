@@ -1,5 +1,5 @@
 //! The native half of the Python package `bismar` (`python/bismar`): scenes and pictures, over
-//! [`bismar::cli::in_memory`]. The Python half has the public functions, with their types and documentation.
+//! [`bismar::job`] and [`bismar::cli::in_memory`]. The Python half has the public functions, with their types and documentation.
 
 mod errors;
 mod log;
@@ -14,6 +14,7 @@ use pyo3::prelude::*;
 
 use bismar::cli::in_memory;
 use bismar::film;
+use bismar::job::compare as compare_pictures;
 
 use picture::Picture;
 use run::{Flag, json};
@@ -40,7 +41,7 @@ impl AnyPicture {
 fn compare(py: Python, a: AnyPicture, b: AnyPicture, layer: Option<String>) -> PyResult<String> {
     run::work(py, None, || {
         let [a, b] = [a.open(layer.as_deref())?, b.open(layer.as_deref())?];
-        json(&in_memory::compare(&a, &b)?)
+        json(&compare_pictures(&a, &b)?)
     })
 }
 

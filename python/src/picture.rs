@@ -7,8 +7,8 @@ use numpy::{IntoPyArray, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
-use bismar::cli::in_memory::{RenderedPicture, Values};
 use bismar::film::{Exposure, View};
+use bismar::job::{RenderedPicture, Values};
 
 use crate::run::{self, json};
 

@@ -8,7 +8,8 @@ use pyo3::prelude::*;
 use rayon::ThreadPool;
 
 use bismar::Error;
-use bismar::cli::in_memory::{LoadedScene, PixelMoments};
+use bismar::cli::in_memory::request;
+use bismar::job::{LoadedScene, PixelMoments};
 use bismar::scene::{FieldOfView, PlacedCamera};
 
 use crate::errors;
@@ -22,14 +23,18 @@ type Camera = (String, &'static str, f64, Option<f64>, [[f64; 4]; 4]);
 #[pyclass(frozen, module = "bismar._bismar")]
 pub struct Scene {
     scene: Mutex<Arc<LoadedScene>>,
+    path: PathBuf,
+    /// Options of all its pictures.
+    options: Vec<Flag>,
     pool: Arc<ThreadPool>,
 }
 
 #[pyfunction]
 pub fn load(py: Python, path: PathBuf, options: Vec<Flag>, threads: Option<usize>) -> PyResult<Scene> {
     let pool = run::pool(threads).map_err(|error| errors::raise(py, &error))?;
-    let scene = run::work(py, Some(&pool), || LoadedScene::load(&path, &options))?;
-    Ok(Scene { scene: Mutex::new(Arc::new(scene)), pool })
+    let scene = run::work(py, Some(&pool), || LoadedScene::load(request(&path, &options)?))?;
+    let options = options.into_iter().filter(|(name, _)| name != "aov").collect();
+    Ok(Scene { scene: Mutex::new(Arc::new(scene)), path, options, pool })
 }
 
 impl Scene {
@@ -83,6 +88,9 @@ impl Scene {
         heuristic: Option<Py<PyAny>>,
     ) -> PyResult<(Option<Picture>, Option<PyErr>)> {
         let scene = self.current();
+        // The passes of a heuristic are those of this method.
+        let balance = heuristic.as_ref().map(|_| ("balance".to_owned(), Some("kl".to_owned())));
+        let options: Vec<_> = self.options.iter().cloned().chain(options).chain(balance).collect();
         let raised = Mutex::new(None);
         let shares = |moments: PixelMoments| {
             let asked = run::call_back(|| Python::attach(|py| ask(py, heuristic.as_ref(), moments)));
@@ -92,8 +100,8 @@ impl Scene {
             })
         };
         let outcome = run::stoppable(py, &self.pool, progress.as_ref(), |stop, progress| match heuristic {
-            Some(_) => scene.render_by(&shares, &options, stop, progress),
-            None => scene.render(&options, stop, progress),
+            Some(_) => scene.render_by(&shares, request(&self.path, &options)?, stop, progress),
+            None => scene.render(request(&self.path, &options)?, stop, progress),
         });
         if let Some(exception) = raised.into_inner().unwrap_or_else(PoisonError::into_inner) {
             return Err(exception);

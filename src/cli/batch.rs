@@ -17,7 +17,7 @@ use crate::console::progress::Style;
 use crate::console::{Verbosity, Verdict};
 use crate::film::atomic;
 use crate::{Error, Result};
-pub use plan::{files_key, plan, read};
+pub use plan::{plan, read};
 pub use sequence::run as sequence;
 pub use work::Work;
 pub use worker::{WorkerArgs, run as work};

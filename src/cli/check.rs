@@ -12,13 +12,14 @@ use std::time::Instant;
 use clap::Args;
 
 use super::batch::{Work, plan};
-use super::render::PictureCommand;
+use super::render::command;
 use crate::batch::job::Job;
 use crate::batch::report::{Entry, Status, earlier};
 use crate::console::args::{not_negative, threads};
 use crate::console::progress::Style;
 use crate::console::{Paths, Verbosity, Verdict, print, say};
 use crate::film::atomic;
+use crate::job::PictureCommand;
 use crate::render::StopReason;
 use crate::render::checkpoint::Earlier;
 use crate::{Error, Result};
@@ -166,7 +167,7 @@ fn job(golden: &Path, new: &Path, args: &CheckArgs) -> Result<Job> {
     let cannot = |why: &str| Error::Data(format!("{name}: {why}"));
     let earlier = Earlier::read(golden)?.ok_or_else(|| Error::Missing(format!("{name}: there is no such file")))?;
     earlier.verify()?;
-    let command = PictureCommand::read(&earlier.header).ok_or_else(|| {
+    let picture = PictureCommand::read(&earlier.header).ok_or_else(|| {
         cannot(
             "its header does not say how it was rendered (attribute bismar.command): render it again with this version",
         )
@@ -191,11 +192,14 @@ fn job(golden: &Path, new: &Path, args: &CheckArgs) -> Result<Job> {
     if paths > args.max_paths {
         return Err(cannot(&format!("its header asks for {paths} paths, more than --max-paths {}", args.max_paths)));
     }
-    let mut flags =
-        command.flags().map_err(|field| cannot(&format!("this version has no '{field}', which its header names")))?;
+    let known = command();
+    let is_flag = |name: &str| known.get_arguments().any(|arg| arg.get_long() == Some(name));
+    let mut flags = picture
+        .flags(is_flag)
+        .map_err(|field| cannot(&format!("this version has no '{field}', which its header names")))?;
     let roots = [args.root.as_path(), golden.parent().unwrap_or(golden)];
-    let (scene, root) = below(&roots, &command.scene).map_err(|why| cannot(&why))?;
-    if let Some(env) = &command.env {
+    let (scene, root) = below(&roots, &picture.scene).map_err(|why| cannot(&why))?;
+    if let Some(env) = &picture.env {
         let (env, _) = below(&roots, env).map_err(|why| cannot(&why))?;
         flags.push(("env".into(), Some(env.display().to_string())));
     }

@@ -9,9 +9,9 @@ use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf, absolute};
 
-use clap::{Args, Command, FromArgMatches, Subcommand, ValueEnum, ValueHint};
+use clap::{Args, Command, Subcommand, ValueEnum, ValueHint};
 
-use super::render::{RenderArgs, given, outputs};
+use super::render::{self, command};
 use crate::batch::frames::split;
 use crate::batch::job::Job;
 use crate::batch::numbering::with_placeholder;
@@ -135,7 +135,7 @@ fn submit(args: &SubmitArgs) -> Result<Verdict> {
 }
 
 fn renders_of_batch(path: &Path, roots: &[PathBuf]) -> Result<Vec<Render>> {
-    let command = RenderArgs::augment_args(Command::new("render"));
+    let command = command();
     let one = |job: Job| {
         let flags = absolute_flags(&command, job.flags)?;
         Ok(Render { name: job.name, scene: absolute_path(&job.scene)?, output: absolute_path(&job.output)?, flags })
@@ -144,7 +144,7 @@ fn renders_of_batch(path: &Path, roots: &[PathBuf]) -> Result<Vec<Render>> {
     // Flags are checked per frame; tasks take whole sequences.
     let roots = batch::roots(path, roots);
     for planned in batch::plan(Some(path), jobs.clone())?.0 {
-        outputs(&planned.args).try_for_each(|output| atomic::check_below(&output, &roots))?;
+        planned.request.outputs().try_for_each(|output| atomic::check_below(output, &roots))?;
     }
     jobs.into_iter().map(one).collect()
 }
@@ -162,17 +162,16 @@ fn absolute_flags(command: &Command, flags: Vec<(String, Option<String>)>) -> Re
 }
 
 fn render_of_scene(args: &SubmitArgs) -> Result<Render> {
-    let command = RenderArgs::augment_args(Command::new("render"));
+    let command = command();
     let line = [OsString::from("render"), args.input.clone().into()].into_iter().chain(args.flags.iter().cloned());
     let wrong = |e: clap::Error| {
         let text = e.to_string();
         let text = text.strip_prefix("error: ").unwrap_or(&text);
         Error::Usage(format!("after --: {}", text.split("\n\n").next().unwrap_or(text)))
     };
-    let matches = command.clone().try_get_matches_from(line).map_err(wrong)?;
-    let render = RenderArgs::from_arg_matches(&matches).map_err(wrong)?;
+    let render = render::read(&command, line).map_err(wrong)?;
     render.check()?;
-    let mut flags = given(&command, &matches)?;
+    let mut flags = render.given()?;
     for name in ["part", "resume", "progress", "path-mapping", "on-checkpoint", "led"] {
         if flags.iter().any(|(flag, _)| flag == name) {
             return Err(Error::Usage(format!("after --: --{name} is set by the farm")));

@@ -9,11 +9,11 @@ use clap::Args;
 use serde::Serialize;
 
 use crate::Result;
-use crate::cli::memory::{self, Need};
-use crate::cli::render::size;
-use crate::cli::scene_selection::SceneSelection;
+use crate::cli::scene_selection::SelectionArgs;
 use crate::console::{Verdict, print, print_json};
 use crate::integrator::PreparedScene;
+use crate::job::memory::{self, Need};
+use crate::job::size;
 use crate::rays::Backend;
 use crate::render::default_light::{self, OwnLight};
 use crate::render::{BackFaces, RenderSettings, clipped};
@@ -26,7 +26,7 @@ pub struct InspectArgs {
     /// The scene file, .gltf or .glb; or -, a GLB from standard input.
     scene: PathBuf,
     #[command(flatten)]
-    selection: SceneSelection,
+    selection: SelectionArgs,
     /// Print JSON with the complete lists.
     #[arg(long)]
     json: bool,
@@ -42,8 +42,9 @@ pub fn run(args: &InspectArgs) -> Result<Verdict> {
     let threads = rayon::current_num_threads();
     memory::check(&name, Need::of_scene(&survey, Backend::default(), threads), limit)?;
     memory::hold(limit);
-    let imported = files.import(&args.selection.options(false, false))?;
-    let at_rest = args.selection.is_posed().then(|| files.import(&args.selection.at_rest().options(false, false)));
+    let selection = args.selection.selection();
+    let imported = files.import(&selection.options(false, false))?;
+    let at_rest = selection.is_posed().then(|| files.import(&selection.at_rest().options(false, false)));
     let at_rest = at_rest.transpose()?.map(|imported| Arc::new(imported.scene));
     drop(files);
     let summary = import::summary(&imported);

@@ -6,8 +6,6 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 
-use super::memory;
-use super::render::claim_output;
 use crate::batch::frames::Frames;
 use crate::batch::numbering::numbered;
 use crate::cli::flag_values::value_of;
@@ -16,6 +14,8 @@ use crate::console::{Paths, Verbosity, Verdict, say};
 use crate::farm::PathMapping;
 use crate::film::exr_file::HeaderValue;
 use crate::film::{Exposure, Look, View, colors, preview};
+use crate::job::claim_output;
+use crate::job::memory;
 use crate::render::merge::{memory_bytes, merge};
 use crate::{Error, Result};
 

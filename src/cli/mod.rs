@@ -11,12 +11,10 @@ pub mod in_memory;
 mod inspect;
 mod labels;
 mod look;
-mod memory;
 mod merge;
 mod movie;
 mod render;
 mod scene_selection;
-pub mod stats;
 mod study;
 
 use std::process::ExitCode;
@@ -25,7 +23,8 @@ use clap::{CommandFactory, Parser, Subcommand};
 
 use crate::Error;
 use crate::console::help::{CompletionsArgs, ManArgs, OptionsArgs};
-use crate::console::{self, Verbosity};
+use crate::console::{self, Verbosity, Verdict, progress};
+use crate::job;
 use crate::render::BuildInfo;
 
 /// Offline glTF path tracer that finds the balance between light and BSDF sampling for each pixel.
@@ -45,8 +44,12 @@ enum Command {
     Batch(batch::BatchArgs),
     #[command(hide = true)]
     BatchWorker(batch::WorkerArgs),
+    /// Denoise a picture on standard input; started by `bismar render`.
     #[command(hide = true)]
-    DenoiseWorker(render::DenoiseWorkerArgs),
+    DenoiseWorker {
+        width: usize,
+        height: usize,
+    },
     Farm(farm::FarmArgs),
     Merge(merge::MergeArgs),
     Compare(compare::CompareArgs),
@@ -75,17 +78,18 @@ pub fn run() -> ExitCode {
                 let (command, matches) = (Cli::command(), Cli::command().get_matches());
                 let found = command.find_subcommand("render").zip(matches.subcommand_matches("render"));
                 let (command, matches) = found.ok_or_else(|| Error::Bug("no render".into()))?;
-                if args.is_sequence() {
-                    return batch::sequence(args, matches, cli.verbosity);
-                }
                 let mut args = args.clone();
                 args.given = render::given(command, matches).ok();
-                render::run(&args, cli.verbosity)
+                if !args.is_sequence() {
+                    return render::run(&args, cli.verbosity);
+                }
+                let done = args.sequence().and_then(|sequence| batch::sequence(sequence, cli.verbosity));
+                done.inspect_err(|error| progress::failed(args.progress, error))
             }
             Command::Inspect(args) => inspect::run(args),
             Command::Batch(args) => batch::run(args, cli.verbosity),
             Command::BatchWorker(_) => batch::work(),
-            Command::DenoiseWorker(args) => render::denoise_work(args),
+            Command::DenoiseWorker { width, height } => job::denoise(*width, *height).map(|()| Verdict::Done),
             Command::Farm(args) => farm::run(args),
             Command::Merge(args) => merge::run(args, cli.verbosity),
             Command::Compare(args) => compare::run(args),

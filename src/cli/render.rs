@@ -1,42 +1,63 @@
 //! `bismar render SCENE`
 
 mod args;
-mod checkpoints;
-mod choose;
-mod command;
-mod denoise;
 mod flags;
-mod identity;
-mod loaded;
-mod names;
-mod output;
 mod replay;
-mod scene;
-mod session;
 mod values;
-mod warnings;
 
+use std::ffi::OsString;
 use std::io::stdin;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Instant;
 
+use clap::parser::ArgMatches;
+use clap::{Args, Command, FromArgMatches};
 use tracing::info;
 
-pub use args::RenderArgs;
-pub use choose::{settings, size};
-pub use command::PictureCommand;
-pub use denoise::{DenoiseWorkerArgs, work as denoise_work};
+pub use args::{RenderArgs, Sequence};
 pub use flags::given;
-pub use identity::Inputs;
-pub use loaded::Loaded;
-pub use output::{OutputWriter, preview_mark};
-pub use session::{Done, Session};
 
+use super::flag_values::{Options, parse};
 use crate::Result;
-use crate::cli::memory;
 use crate::console::{Paths, Reporter, Signals, Verbosity, Verdict, host, progress, say};
 use crate::film::atomic;
-use crate::film::lock::{Claim, claim};
+use crate::job::{Inputs, Loaded, RenderRequest, Session, memory};
+
+/// The flags of `bismar render`.
+pub fn command() -> Command {
+    RenderArgs::augment_args(Command::new("render"))
+}
+
+/// Reads a line of flags, the first word being the command's name, with [`command`].
+///
+/// # Errors
+/// clap's.
+pub fn read(
+    command: &Command,
+    line: impl IntoIterator<Item = OsString>,
+) -> std::result::Result<RenderArgs, clap::Error> {
+    of_matches(command, &command.clone().try_get_matches_from(line)?)
+}
+
+/// The flags of a line that clap has parsed with [`command`].
+///
+/// # Errors
+/// clap's.
+pub fn of_matches(command: &Command, matches: &ArgMatches) -> std::result::Result<RenderArgs, clap::Error> {
+    let mut args = RenderArgs::from_arg_matches(matches)?;
+    args.given = given(command, matches).ok();
+    Ok(args)
+}
+
+/// The request by options: names of flags without dashes, and their values.
+///
+/// # Errors
+/// [`Error::Usage`](crate::Error::Usage).
+pub fn request(scene: &Path, options: &Options) -> Result<RenderRequest> {
+    let mut args: RenderArgs = parse("render", options, &[scene])?;
+    args.given = Some(options.to_vec());
+    args.request()
+}
 
 pub fn run(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
     let result = render(args, verbosity);
@@ -48,31 +69,33 @@ fn render(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
     args.check()?;
     let mut args = args.on_this_machine()?;
     let from_pipe = args.takes_standard_input();
-    let args = &args;
     let (threads, source) = host::threads(args.threads)?;
+    let request = args.request()?;
     if let Some(pixel_path) = args.replay_pixel {
-        return host::pool(threads)?.install(|| replay::run(args, pixel_path));
+        return host::pool(threads)?.install(|| replay::run(&request, pixel_path));
     }
     let mut paths = Paths::default();
     [&args.output, &args.preview, &args.stats].into_iter().flatten().for_each(|path| atomic::named(path));
     atomic::confine(&[]);
-    declare(args, "", &mut paths)?;
+    args.path_mapping.iter().try_for_each(|path| paths.reads("--path-mapping", path))?;
+    request.declare("", &mut paths)?;
     // Before any file is touched.
     let signals = if args.signals_from_parent { Signals::from_parent() } else { Signals::listen() }?;
-    let _claims = claim_outputs(args)?;
+    let _claims = request.claim_outputs()?;
     info!("{threads} threads ({source})");
     host::pool(threads)?.install(|| {
         let reporter = Reporter::new(args.progress, verbosity.quiet);
         let prepared = signals.nothing_to_save(|| {
-            let inputs = if from_pipe { Inputs::read_pipe(args, &mut stdin().lock()) } else { Inputs::read(args) }?;
+            let inputs =
+                if from_pipe { Inputs::read_pipe(&request, &mut stdin().lock()) } else { Inputs::read(&request) }?;
             inputs.declare(&mut paths)?;
-            let session = Session { args, inputs: &inputs, threads, began, replaces: false };
+            let session = Session { request: &request, inputs: &inputs, threads, began, replaces: false };
             if let Some(earlier) = session.finished_before()? {
                 return Ok(Err(session.develop(&earlier)?));
             }
             memory::hold(session.check_memory()?);
             // A signal ends the process here, so the build need not stop by itself.
-            let loaded = Loaded::load(args, &inputs, &|done, seconds| {
+            let loaded = Loaded::load(&request, &inputs, &|done, seconds| {
                 reporter.building(done, seconds);
                 true
             });
@@ -87,7 +110,7 @@ fn render(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
                 return Ok(Verdict::Done);
             }
         };
-        let session = Session { args, inputs: &inputs, threads, began, replaces: false };
+        let session = Session { request: &request, inputs: &inputs, threads, began, replaces: false };
         let done =
             session.render(&loaded, &signals.stop, &|p| reporter.update(p), &|complete| reporter.finish(complete))?;
         if !verbosity.quiet {
@@ -97,43 +120,15 @@ fn render(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
     })
 }
 
-/// Declares the files that a command reads and writes; `suffix` is appended to their description in errors.
-///
-/// # Errors
-/// Those of [`Paths::writes`].
-pub fn declare(args: &RenderArgs, suffix: &str, paths: &mut Paths) -> Result<()> {
-    paths.reads(&format!("the scene{suffix}"), &args.scene)?;
-    for (flag, path) in [("--env", &args.env), ("--path-mapping", &args.path_mapping)] {
-        path.iter().try_for_each(|path| paths.reads(&format!("{flag}{suffix}"), path))?;
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_request_by_default_is_the_command_without_flags() {
+        let plain = request(Path::new("a.glb"), &[]).unwrap();
+        let (scene, output, given) = ("a.glb".into(), "a.exr".into(), Some(Vec::new()));
+        let default = RenderRequest { scene, output, given, ..RenderRequest::default() };
+        assert_eq!(format!("{plain:#?}"), format!("{default:#?}"));
     }
-    paths.writes(&format!("-o{suffix}"), &args.output())?;
-    for (flag, path) in [("--preview", &args.preview), ("--stats", &args.stats)] {
-        path.iter().try_for_each(|path| paths.writes(&format!("{flag}{suffix}"), path))?;
-    }
-    Ok(())
-}
-
-/// Locks a command's outputs, so that an output that cannot be written or that another process writes is an error before
-/// the render. Removes temporary files of killed processes.
-///
-/// # Errors
-/// Those of [`claim_output`].
-pub fn claim_outputs(args: &RenderArgs) -> Result<Vec<Claim>> {
-    outputs(args).map(|path| claim_output(&path)).collect()
-}
-
-/// The picture, its preview and its statistics.
-pub fn outputs(args: &RenderArgs) -> impl Iterator<Item = PathBuf> {
-    [Some(args.output()), args.preview.clone(), args.stats.clone()].into_iter().flatten()
-}
-
-/// Locks one output.
-///
-/// # Errors
-/// Those of [`atomic::check`] and [`claim`].
-pub fn claim_output(path: &Path) -> Result<Claim> {
-    atomic::check(path)?;
-    let claim = claim(path)?;
-    atomic::sweep(path);
-    Ok(claim)
 }

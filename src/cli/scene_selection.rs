@@ -1,17 +1,15 @@
-//! Flags that select what of a glTF file is rendered; `render` and `inspect` share them.
+//! Flags that select what of a glTF file is rendered; `render`, `inspect` and `look` share them.
 
 use clap::Args;
 
 use crate::console::args::{not_negative, positive};
-use crate::rays::Backend;
-use crate::scene::import::{ImportOptions, Pose, Shutter};
+use crate::job::SceneSelection;
 use crate::scene::motion::MAX_STEPS;
-use crate::{Error, Result};
 
 /// Scene, variant, time and shutter.
-#[derive(Debug, Clone, Default, Args)]
+#[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "View")]
-pub struct SceneSelection {
+pub struct SelectionArgs {
     /// The file's scene, by name or index [default: the file's default scene].
     #[arg(long = "scene-name", visible_alias = "scene", value_name = "NAME|INDEX")]
     scene_name: Option<String>,
@@ -23,7 +21,7 @@ pub struct SceneSelection {
     pose: Option<f64>,
     /// Time of the animations, in frames of --fps from 0.
     #[arg(long, value_name = "N", value_parser = not_negative)]
-    frame: Option<f64>,
+    pub frame: Option<f64>,
     /// Frames per second, for --frame, --frames and --shutter.
     #[arg(long, value_name = "F", value_parser = positive, default_value_t = 24.0)]
     fps: f64,
@@ -51,77 +49,10 @@ fn shutter(text: &str) -> std::result::Result<[f64; 2], String> {
     }
 }
 
-impl SceneSelection {
-    /// Checks what clap cannot: motion blur and the `velocity` AOV need a time, and motion blur needs Embree.
-    ///
-    /// # Errors
-    /// [`Error::Usage`].
-    pub fn check(&self, is_posed: bool, velocity: bool, rays: Backend) -> Result<()> {
-        let blurs = self.shutter.is_some();
-        for (flag, is_given) in [("--shutter", blurs), ("--aov velocity", velocity)] {
-            if is_given && !is_posed {
-                return Err(Error::Usage(format!("{flag} needs a time: --pose, --frame or --frames")));
-            }
-        }
-        if blurs && rays == Backend::Obvhs {
-            return Err(Error::Usage(
-                "--rays obvhs does not support motion blur: use --rays embree, or no --shutter".into(),
-            ));
-        }
-        Ok(())
-    }
-
-    /// Whether a time of the animations is given.
-    pub fn is_posed(&self) -> bool {
-        self.pose.is_some() || self.frame.is_some()
-    }
-
-    /// The same scene at rest: without a time of its animations.
-    pub fn at_rest(&self) -> Self {
-        Self { pose: None, frame: None, shutter: None, ..self.clone() }
-    }
-
-    /// Value of `--frame`.
-    pub fn frame(&self) -> Option<f64> {
-        self.frame
-    }
-
-    /// Sets `--frame`.
-    pub fn set_frame(&mut self, frame: u32) {
-        self.frame = Some(frame.into());
-    }
-
-    /// Options of the import; with `velocities` it also reads the transforms of the previous and next frame.
-    pub fn options(&self, strict: bool, velocities: bool) -> ImportOptions {
-        let seconds = self.pose.or(self.frame.map(|frame| frame / self.fps));
-        let shutter = self.shutter.map(|[open, close]| Shutter {
-            opens: open / self.fps,
-            closes: close / self.fps,
-            steps: self.motion_steps,
-        });
-        let frame = velocities.then_some(1.0 / self.fps);
-        ImportOptions {
-            strict,
-            pose: seconds.map(|seconds| Pose { seconds, animation: self.animation.clone(), shutter, frame }),
-            scene: self.scene_name.clone(),
-            variant: self.variant.clone(),
-        }
-    }
-
-    /// Text that distinguishes scenes imported from the same file; empty for the default. Stored in pictures.
-    pub fn name(&self) -> String {
-        let ImportOptions { pose, scene, variant, .. } = self.options(false, false);
-        let mut name = String::new();
-        for (flag, value) in [("scene", scene), ("variant", variant)] {
-            name += &value.map(|value| format!(", {flag} {value}")).unwrap_or_default();
-        }
-        if let Some(Pose { seconds, animation, shutter, .. }) = pose {
-            name += &format!(", {} at {seconds} s", animation.as_deref().unwrap_or("all"));
-            if let Some(Shutter { opens, closes, steps }) = shutter {
-                let steps = steps.map_or("as many".into(), |steps| steps.to_string());
-                name += &format!(", shutter from {opens} to {closes} s in {steps} steps");
-            }
-        }
-        name
+impl SelectionArgs {
+    /// The selection.
+    pub fn selection(&self) -> SceneSelection {
+        let Self { scene_name, variant, pose, frame, fps, animation, shutter, motion_steps } = self.clone();
+        SceneSelection { scene_name, variant, pose, frame, fps, animation, shutter, motion_steps }
     }
 }

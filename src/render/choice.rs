@@ -72,7 +72,7 @@ mod tests {
 
     #[test]
     fn settings_of_earlier_files_keep_their_meaning() {
-        let plain = RenderSettings { adaptive: Choice::Off, guiding: Choice::Off, ..Default::default() };
+        let plain = RenderSettings::even();
         let text = to_string(&plain).unwrap();
         for absent in ["adaptive", "guiding", "learned_lights", "compensation"] {
             assert!(!text.contains(absent), "{text}");

@@ -72,7 +72,7 @@ pub fn own_light(scene: &PreparedScene, camera: usize, back_faces: BackFaces) ->
         height: 1024,
         back_faces,
         max_depth: MAX_DEPTH,
-        ..RenderSettings::default()
+        ..RenderSettings::even()
     };
     let (size, camera) = low_resolution(scene, &settings, PIXELS);
     let transport = Transport { camera, ..transport(scene, &settings) };

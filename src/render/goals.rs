@@ -73,7 +73,7 @@ mod tests {
     use crate::render::Choice;
 
     fn of(spp: u32) -> RenderSettings {
-        RenderSettings { spp: Some(spp), ..Default::default() }
+        RenderSettings { spp: Some(spp), ..RenderSettings::even() }
     }
 
     #[test]

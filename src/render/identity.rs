@@ -157,7 +157,7 @@ mod tests {
 
     #[test]
     fn differences_are_named_and_stop_rules_are_none() {
-        let settings = RenderSettings::default();
+        let settings = RenderSettings::even();
         let of = |settings: &RenderSettings| Identity::new("a", "none", Backend::Embree, settings);
         let ours = of(&settings);
         let longer = RenderSettings { spp: Some(1000), time: Some(3.0), noise: Some(0.1), ..settings.clone() };

@@ -151,7 +151,7 @@ mod tests {
     use crate::render::Balance;
 
     fn half(spp: Option<u32>) -> RenderSettings {
-        RenderSettings { spp, balance: Balance::Half, ..Default::default() }
+        RenderSettings { spp, balance: Balance::Half, ..RenderSettings::even() }
     }
 
     fn after(done: u32) -> State {
@@ -219,7 +219,7 @@ mod tests {
             let next = || planned(settings, done).inspect(|pass| done += pass);
             std::iter::from_fn(next).take(7).collect::<Vec<_>>()
         };
-        let time = |balance, spp| RenderSettings { spp, time: Some(9.0), balance, ..Default::default() };
+        let time = |balance, spp| RenderSettings { spp, time: Some(9.0), balance, ..RenderSettings::even() };
         assert_eq!(passes(&time(Balance::Progressive, None)), [1, 1, 2, 32, 36, 72, 128]);
         assert_eq!(passes(&time(Balance::Progressive, Some(150))), [1, 1, 2, 128, 18]);
         assert_eq!(passes(&time(Balance::EfficiencyAware, Some(3))), [1, 1, 1]);
@@ -229,7 +229,7 @@ mod tests {
         // A pass that time cut in between changes nothing of that.
         assert_eq!(planned(&time(Balance::Half, None), 3), Some(1));
         // Without a clock, as ever.
-        assert_eq!(passes(&RenderSettings { spp: Some(150), ..Default::default() }), [128, 22]);
+        assert_eq!(passes(&RenderSettings { spp: Some(150), ..RenderSettings::even() }), [128, 22]);
     }
 
     #[test]

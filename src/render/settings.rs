@@ -198,6 +198,11 @@ fn is_default<T: Default + PartialEq>(value: &T) -> bool {
 }
 
 impl RenderSettings {
+    /// The defaults, but all pixels get the same number of paths, and none is guided.
+    pub fn even() -> Self {
+        Self { adaptive: Choice::Off, guiding: Choice::Off, ..Self::default() }
+    }
+
     /// Named values that the bits of a picture depend on. Settings with the value that existed before they could be set are left
     /// out.
     pub fn bits(&self) -> Values {
@@ -357,6 +362,7 @@ impl RenderSettings {
     }
 }
 
+/// The settings of `bismar render` without a flag.
 impl Default for RenderSettings {
     fn default() -> Self {
         Self {
@@ -370,10 +376,10 @@ impl Default for RenderSettings {
             time: None,
             noise: None,
             min_spp: None,
-            adaptive: Choice::Off,
+            adaptive: Choice::Auto,
             balance: Balance::Progressive,
             pilot: None,
-            guiding: Choice::Off,
+            guiding: Choice::Auto,
             guiding_memory: None,
             learned_lights: Choice::Auto,
             compensation: Choice::Auto,

@@ -242,7 +242,7 @@ mod tests {
 
     #[test]
     fn each_decision_has_its_reason() {
-        let auto = RenderSettings { guiding: Choice::Auto, adaptive: Choice::Auto, ..Default::default() };
+        let auto = RenderSettings::default();
         let of = |settings: &RenderSettings, stats: &TechniqueStats| Decisions::new(settings, stats);
         let none = TechniqueStats::default();
         let found = of(&auto, &none);
@@ -254,7 +254,7 @@ mod tests {
         assert!(found.guiding.why.contains("fewer than 16") && found.adaptive.why.contains("fewer than 16"), "{found}");
         let found = of(&RenderSettings { noise: Some(0.1), ..auto.clone() }, &none);
         assert!(found.adaptive.why.contains("noise goal"), "{found}");
-        let found = of(&RenderSettings { balance: Balance::Half, ..Default::default() }, &none);
+        let found = of(&RenderSettings { balance: Balance::Half, ..RenderSettings::even() }, &none);
         assert!(found.compensation.why.contains("--balance half") && found.guiding.why == "not asked for", "{found}");
         let efficiency = GuidingEfficiency { variance: 0.25, cost: 0.9, share: 0.5 };
         let guided = GuidingStats { on: true, cells: 1, bytes: 1, efficiency, seconds: 0.0 };

@@ -226,7 +226,14 @@ fn stage() -> Stage {
 
 fn settings() -> RenderSettings {
     let integrator = Integrator::Direct;
-    RenderSettings { width: 20, height: 18, spp: Some(16), balance: Balance::Half, integrator, ..Default::default() }
+    RenderSettings {
+        width: 20,
+        height: 18,
+        spp: Some(16),
+        balance: Balance::Half,
+        integrator,
+        ..RenderSettings::even()
+    }
 }
 
 /// Green of each pixel.

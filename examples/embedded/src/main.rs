@@ -15,7 +15,7 @@ use glam::{DVec3, Vec3};
 fn main() -> Result<(), Box<dyn Error>> {
     let scene = PreparedScene::build(Arc::new(scene()), Backend::Embree)?;
     let picture = |balance: Balance| -> bismar::Result<Vec<Vec3>> {
-        let settings = RenderSettings { width: 96, height: 64, spp: Some(128), balance, ..Default::default() };
+        let settings = RenderSettings { width: 96, height: 64, spp: Some(128), balance, ..RenderSettings::even() };
         let film = render(&scene, &settings, &AtomicBool::new(false), &|_| ())?.film();
         Ok(film.pixels.iter().map(|pixel| pixel.mean().into()).collect())
     };

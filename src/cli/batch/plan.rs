@@ -1,16 +1,18 @@
 //! The jobs of a batch: read from its file, one per frame, with their flags parsed and their files checked.
 
 use std::collections::HashMap;
+use std::ffi::OsString;
 use std::path::Path;
 
 use clap::error::{ContextKind, ContextValue};
-use clap::{ArgAction, Args, Command, FromArgMatches, ValueHint};
+use clap::{ArgAction, Command, ValueHint};
 
 use crate::batch::file::{self, Flag};
 use crate::batch::frames::split;
 use crate::batch::job::Job;
-use crate::cli::render::{RenderArgs, declare, given};
+use crate::cli::render::{self, command};
 use crate::console::Paths;
+use crate::job::RenderRequest;
 use crate::{Error, Result};
 
 /// Flags of `render` that a batch file must not hold.
@@ -32,8 +34,8 @@ const NOT_IN_FILES: [&str; 11] = [
 pub struct Planned {
     /// The job.
     pub job: Job,
-    /// The command line of `bismar render`.
-    pub args: RenderArgs,
+    /// What it asks for.
+    pub request: RenderRequest,
 }
 
 /// Reads a batch file; a sequence of frames is one job.
@@ -41,7 +43,7 @@ pub struct Planned {
 /// # Errors
 /// [`Error::Config`] with line and column.
 pub fn read(path: &Path) -> Result<Vec<Job>> {
-    let command = RenderArgs::augment_args(Command::new("render"));
+    let command = command();
     let flags: HashMap<String, Flag> = command
         .get_arguments()
         .filter_map(|arg| Some((arg.get_long()?.to_owned(), arg)))
@@ -69,7 +71,7 @@ pub fn read(path: &Path) -> Result<Vec<Job>> {
 /// # Errors
 /// [`Error::Config`], with line and column in `file`.
 pub fn plan(file: Option<&Path>, jobs: Vec<Job>) -> Result<(Vec<Planned>, Paths)> {
-    let command = RenderArgs::augment_args(Command::new("render"));
+    let command = command();
     let mut planned = Vec::new();
     for job in jobs {
         let whole = job.clone();
@@ -80,8 +82,9 @@ pub fn plan(file: Option<&Path>, jobs: Vec<Job>) -> Result<(Vec<Planned>, Paths)
     }
     let mut paths = Paths::default();
     file.iter().try_for_each(|file| paths.reads("the batch file", file))?;
-    for Planned { job, args } in &planned {
-        declare(args, &format!(" of '{}'", job.name), &mut paths)
+    for Planned { job, request } in &planned {
+        request
+            .declare(&format!(" of '{}'", job.name), &mut paths)
             .map_err(|e| job_error(file, job, None, &e.to_string()))?;
     }
     Ok((planned, paths))
@@ -103,8 +106,8 @@ fn job_error(file: Option<&Path>, job: &Job, key: Option<&str>, why: &str) -> Er
 /// [`Error::Config`], with line and column in `file`.
 pub fn parse_flags(file: Option<&Path>, command: &Command, job: Job) -> Result<Planned> {
     let mut line = vec!["render".into(), job.scene.clone().into_os_string()];
-    line.extend(job.arguments().into_iter().map(Into::into));
-    let matches = command.clone().try_get_matches_from(line).map_err(|e| {
+    line.extend(job.arguments().into_iter().map(OsString::from));
+    let mut args = render::read(command, line).map_err(|e| {
         let named = match e.get(ContextKind::InvalidArg) {
             Some(ContextValue::String(arg)) => Some(arg.as_str()),
             Some(ContextValue::Strings(args)) => args.first().map(String::as_str),
@@ -113,20 +116,8 @@ pub fn parse_flags(file: Option<&Path>, command: &Command, job: Job) -> Result<P
         let key = named.map(|arg| arg.trim_start_matches('-').split([' ', '=']).next().unwrap_or(arg).to_owned());
         job_error(file, &job, key.as_deref(), &e.to_string())
     })?;
-    let mut args = RenderArgs::from_arg_matches(&matches).map_err(|e| job_error(file, &job, None, &e.to_string()))?;
-    args.given = given(command, &matches).ok();
     args.output = Some(job.output.clone());
     args.resume = true;
-    args.check().map_err(|e| job_error(file, &job, None, &e.to_string()))?;
-    Ok(Planned { job, args })
-}
-
-/// Key that is equal for jobs that can share a scene in memory.
-pub fn scene_key(a: &RenderArgs) -> String {
-    format!("{} {:?} {} {:?} {}", files_key(a), a.import_choices(), a.is_framed(), a.rays, a.strict)
-}
-
-/// Key that is equal for jobs whose scenes are imported from the same files.
-pub fn files_key(a: &RenderArgs) -> String {
-    format!("{:?} {:?} {} {} {} {}", a.scene, a.env, a.env_rotate, a.env_strength, a.no_env, a.sky)
+    let request = args.request().map_err(|e| job_error(file, &job, None, &e.to_string()))?;
+    Ok(Planned { job, request })
 }

@@ -11,17 +11,17 @@ use serde_json::json;
 use tracing::info;
 
 use super::overview::{self, Overview};
-use super::plan::{Planned, files_key, scene_key};
+use super::plan::Planned;
 use super::worker_pool::WorkerPool;
 use crate::batch::message::{Ended, Message};
 use crate::batch::queue::Cache;
 use crate::batch::report::{self, Report};
 use crate::batch::views;
-use crate::cli::render::{Inputs, Session};
 use crate::console::progress::Style;
 use crate::console::{Paths, Signals, Verbosity, Verdict, host, print, say};
 use crate::farm::slurm::quoted;
 use crate::film::atomic;
+use crate::job::{Inputs, Session};
 use crate::render::checkpoint::Earlier;
 use crate::{Error, Result};
 
@@ -59,10 +59,10 @@ impl Work {
         // Jobs that share a scene or its files follow one another, so that few scenes are in memory at the same time.
         let mut first: HashMap<String, usize> = HashMap::new();
         for (i, planned) in jobs.iter().enumerate() {
-            first.entry(files_key(&planned.args)).or_insert(i);
-            first.entry(scene_key(&planned.args)).or_insert(i);
+            first.entry(planned.request.files_key()).or_insert(i);
+            first.entry(planned.request.scene_key()).or_insert(i);
         }
-        jobs.sort_by_key(|planned| [files_key(&planned.args), scene_key(&planned.args)].map(|key| first[&key]));
+        jobs.sort_by_key(|planned| [planned.request.files_key(), planned.request.scene_key()].map(|key| first[&key]));
         if self.dry_run {
             return dry_run(&jobs, &self.order);
         }
@@ -156,18 +156,18 @@ impl Work {
 
 /// Prints the commands and what they would do, in the order of the file.
 fn dry_run(jobs: &[Planned], order: &[String]) -> Result<Verdict> {
-    let cache = Cache::new(jobs.iter().map(|j| files_key(&j.args)));
+    let cache = Cache::new(jobs.iter().map(|j| j.request.files_key()));
     let mut rows: HashMap<&str, String> = HashMap::new();
     let mut worst = 0;
-    for Planned { job, args } in jobs {
-        let key = files_key(args);
+    for Planned { job, request } in jobs {
+        let key = request.files_key();
         let would = || -> Result<&str> {
-            let inputs = cache.get(&key, || Inputs::read(args))?;
-            let session = Session { args, inputs: &inputs, threads: 1, began: Instant::now(), replaces: true };
+            let inputs = cache.get(&key, || Inputs::read(request))?;
+            let session = Session { request, inputs: &inputs, threads: 1, began: Instant::now(), replaces: true };
             if session.finished_before()?.is_some() {
                 return Ok("done before");
             }
-            Ok(if Earlier::read(&args.output())?.is_some() { "render again or continue" } else { "render" })
+            Ok(if Earlier::read(&request.output)?.is_some() { "render again or continue" } else { "render" })
         };
         let what = would().map(str::to_owned).unwrap_or_else(|e| {
             worst = worst.max(e.exit_code());

@@ -8,17 +8,17 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use clap::{Args, Command};
+use clap::Args;
 use serde_json::value::to_raw_value;
 
-use super::plan::{Planned, files_key, parse_flags, scene_key};
+use super::plan::{Planned, parse_flags};
 use crate::batch::message::{Ended, JobMessage, Message};
 use crate::batch::queue::{Cache, each};
 use crate::batch::report::{Entry, Status};
-use crate::cli::memory;
-use crate::cli::render::{Done, Inputs, Loaded, RenderArgs, Session, claim_outputs, declare};
+use crate::cli::render::command;
 use crate::console::{Paths, Signals, Verdict, host};
 use crate::film::atomic;
+use crate::job::{Done, Inputs, Loaded, RenderRequest, Session, memory};
 use crate::render::Progress;
 use crate::{Error, Result};
 
@@ -33,16 +33,16 @@ pub fn run() -> Result<Verdict> {
     let JobMessage { jobs, written, folders, at_once, threads } = serde_json::from_str(&line).map_err(|e| bad(&e))?;
     atomic::confine(&folders);
     let signals = Signals::from_parent()?;
-    let command = RenderArgs::augment_args(Command::new("render"));
+    let command = command();
     let jobs = jobs.into_iter().map(|job| parse_flags(None, &command, job)).collect::<Result<Vec<_>>>()?;
     let mut paths = Paths::default();
     written.iter().try_for_each(|path| paths.writes("the batch's own", path.as_ref()))?;
-    jobs.iter().try_for_each(|planned| declare(&planned.args, &format!(" of '{}'", planned.job.name), &mut paths))?;
+    jobs.iter().try_for_each(|Planned { job, request }| request.declare(&format!(" of '{}'", job.name), &mut paths))?;
     let pools = (0..at_once.clamp(1, jobs.len().max(1))).map(|_| host::pool(threads)).collect::<Result<Vec<_>>>()?;
     let worker = Worker {
-        inputs: Cache::new(jobs.iter().map(|j| files_key(&j.args))),
+        inputs: Cache::new(jobs.iter().map(|j| j.request.files_key())),
         latest: Mutex::default(),
-        scenes: Cache::new(jobs.iter().map(|j| scene_key(&j.args))),
+        scenes: Cache::new(jobs.iter().map(|j| j.request.scene_key())),
         jobs,
         paths: Mutex::new(paths),
         threads,
@@ -95,7 +95,7 @@ struct Worker {
 impl Worker {
     /// Renders one job; errors and panics are in its entry.
     fn work(&self, index: usize, messages: &Sender<Message>) -> Ended {
-        let Planned { job, args } = &self.jobs[index];
+        let Planned { job, request } = &self.jobs[index];
         let began = Instant::now();
         let mut entry = Entry::pending(job);
         if self.signals.stopped() {
@@ -113,11 +113,11 @@ impl Worker {
                 let _ = messages.send(Message::Progress(index, progress));
             }
         };
-        let key = scene_key(args);
-        let result = catch_unwind(AssertUnwindSafe(|| self.render(args, &key, began, &on_progress)))
+        let key = request.scene_key();
+        let result = catch_unwind(AssertUnwindSafe(|| self.render(request, &key, began, &on_progress)))
             .unwrap_or_else(|_| Err(Error::Bug("the job panicked; its message is above".into())));
-        if self.inputs.done(&files_key(args)) {
-            self.latest().remove(&files_key(args));
+        if self.inputs.done(&request.files_key()) {
+            self.latest().remove(&request.files_key());
         }
         self.scenes.done(&key);
         entry.seconds = began.elapsed().as_secs_f64();
@@ -149,17 +149,17 @@ impl Worker {
 
     fn render(
         &self,
-        args: &RenderArgs,
+        request: &RenderRequest,
         key: &str,
         began: Instant,
         on_progress: &(dyn Fn(Progress) + Sync),
     ) -> Result<Done> {
-        atomic::create_folder(&args.output())?;
-        let _claims = claim_outputs(args)?;
-        let files = files_key(args);
-        let inputs = self.inputs.get(&files, || Inputs::read(args))?;
+        atomic::create_folder(&request.output)?;
+        let _claims = request.claim_outputs()?;
+        let files = request.files_key();
+        let inputs = self.inputs.get(&files, || Inputs::read(request))?;
         inputs.declare(&mut self.paths.lock().unwrap_or_else(PoisonError::into_inner))?;
-        let session = Session { args, inputs: &inputs, threads: self.threads, began, replaces: true };
+        let session = Session { request, inputs: &inputs, threads: self.threads, began, replaces: true };
         if let Some(earlier) = session.finished_before()? {
             return session.develop(&earlier);
         }
@@ -169,7 +169,7 @@ impl Worker {
         let more = self.inputs.left(&files) > self.scenes.left(key);
         let loaded = self.scenes.get(key, || {
             let previous = self.latest().remove(&files);
-            Loaded::load_next(args, &inputs, previous, more, &building)
+            Loaded::load_next(request, &inputs, previous, more, &building)
         })?;
         if more {
             self.latest().insert(files, Arc::clone(&loaded));

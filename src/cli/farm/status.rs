@@ -1,21 +1,23 @@
 //! `bismar farm status`: the state of a plan, from its files and from Slurm's queue.
 
 use std::collections::HashMap;
+use std::ffi::OsString;
+use std::fmt::Display;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use clap::{Args, Command, FromArgMatches};
+use clap::Args;
 use serde_json::{Value, json};
 
 use super::site::{Queue, QueueState};
-use crate::batch::numbering::numbered_name;
-use crate::cli::batch::files_key;
-use crate::cli::render::{Inputs, RenderArgs, Session};
+use crate::batch::numbering::{numbered, numbered_name};
+use crate::cli::render;
 use crate::console::{Verdict, print, print_json};
 use crate::farm::sessions::{HELD, INTERRUPTED, Sessions, record_path};
 use crate::farm::slurm::Submitted;
 use crate::farm::{PLAN, Plan};
+use crate::job::{Inputs, RenderRequest, Session};
 use crate::render::checkpoint::Earlier;
 use crate::{Error, Result};
 
@@ -51,16 +53,19 @@ pub fn run(args: &StatusArgs) -> Result<Verdict> {
     let (mut tasks, mut merges) = (Vec::new(), Vec::new());
     for (i, task) in plan.tasks.iter().enumerate() {
         let queue_state = queue.as_ref().and_then(|queue| queue.task(i));
-        let states = inspector.states(parse_command(&task.command)?, &plan.log(i + 1, false), queue_state)?;
+        let states = inspector.states(&parse_command(&task.command)?, &plan.log(i + 1, false), queue_state);
         tasks.extend(states.into_iter().map(|state| Row { render: &task.render, part: task.part, task: i + 1, state }));
     }
     for (i, merge) in plan.merges.iter().enumerate() {
         let queue_state = queue.as_ref().and_then(|queue| queue.merge(i));
         let mut whole = parse_command(&plan.tasks[merge.tasks.0].command)?;
         // The merged picture is whole, and need not be resumable as its parts are.
-        whole.set_part(None);
-        (whole.checkpoint, whole.output) = (None, Some(merge.output.clone()));
-        let states = inspector.states(whole, &plan.log(i + 1, true), queue_state)?;
+        for (frame, whole) in whole.iter_mut() {
+            (whole.settings.part, whole.checkpoint) = (None, None);
+            let output = frame.and_then(|frame| numbered(&merge.output, frame));
+            whole.output = output.unwrap_or_else(|| merge.output.clone());
+        }
+        let states = inspector.states(&whole, &plan.log(i + 1, true), queue_state);
         merges.extend(states.into_iter().map(|state| Row { render: &merge.render, part: 0, task: i + 1, state }));
     }
     let is_done = |row: &Row| row.state.name == "done";
@@ -128,11 +133,14 @@ impl Row<'_> {
     }
 }
 
-/// Parses a task's command.
-fn parse_command(command: &[String]) -> Result<RenderArgs> {
-    let bad = |e: clap::Error| Error::Data(format!("{PLAN}: {}", e.to_string().trim_end()));
-    let matches = RenderArgs::augment_args(Command::new("render")).try_get_matches_from(&command[1..]).map_err(bad)?;
-    RenderArgs::from_arg_matches(&matches).map_err(bad)
+/// Requests with their frames.
+type Requests = [(Option<u32>, RenderRequest)];
+
+/// What a task's command asks for, picture by picture, with the numbers of frames.
+fn parse_command(command: &[String]) -> Result<Box<Requests>> {
+    let bad = |e: &dyn Display| Error::Data(format!("{PLAN}: {}", e.to_string().trim_end()));
+    let args = render::read(&render::command(), command[1..].iter().map(OsString::from)).map_err(|e| bad(&e))?;
+    args.requests().map(Vec::into_boxed_slice)
 }
 
 struct Inspector<'a> {
@@ -153,23 +161,28 @@ enum Contents {
 
 impl Inspector<'_> {
     /// States of all output files of a command: one, or one per frame.
-    fn states(&mut self, args: RenderArgs, log: &Path, queue_state: Option<QueueState>) -> Result<Vec<State>> {
-        let Some(frames) = &args.frames else { return Ok(vec![self.state(&args, log, queue_state, None)]) };
+    fn states(&mut self, requests: &Requests, log: &Path, queue_state: Option<QueueState>) -> Vec<State> {
         let mut states = Vec::new();
         // A task renders one frame after the other.
         let mut first = true;
-        for &frame in frames.numbers() {
-            let mut state = self.state(&args.of_frame(frame)?, log, queue_state, Some(frame));
+        for (frame, request) in requests {
+            let mut state = self.state(request, log, queue_state, *frame);
             if state.name == "running" && !std::mem::take(&mut first) {
                 (state.name, state.fraction) = (if state.fraction > 0.0 { "begun" } else { "waiting" }, 0.0);
             }
             states.push(state);
         }
-        Ok(states)
+        states
     }
 
     /// State of one output file, from the file, the log, the record of sessions and Slurm's queue.
-    fn state(&mut self, args: &RenderArgs, log: &Path, queue_state: Option<QueueState>, frame: Option<u32>) -> State {
+    fn state(
+        &mut self,
+        request: &RenderRequest,
+        log: &Path,
+        queue_state: Option<QueueState>,
+        frame: Option<u32>,
+    ) -> State {
         let record = record_path(log);
         let sessions = Some(Sessions::read(&record))
             // The record of an earlier submission is ignored.
@@ -177,7 +190,7 @@ impl Inspector<'_> {
             .unwrap_or_default();
         let log = fs::read(log).unwrap_or_default();
         let log = String::from_utf8_lossy(log.get(sessions.log as usize..).unwrap_or_default()).into_owned();
-        let (contents, why) = self.contents(args);
+        let (contents, why) = self.contents(request);
         let begun = sessions.begun > 0 || matches!(contents, Contents::Some(_));
         let name = match (&contents, queue_state, sessions.code) {
             (Contents::All, ..) => "done",
@@ -194,7 +207,7 @@ impl Inspector<'_> {
         };
         let percent = |line: &str| line.strip_prefix("PROGRESS: ")?.strip_suffix('%')?.parse::<f64>().ok();
         let logged = log.lines().rev().find_map(percent).map_or(0.0, |p| p / 100.0);
-        let (output, mut lines) = (args.output(), log.lines().rev());
+        let (output, mut lines) = (request.output.clone(), log.lines().rev());
         let (logged, log_error) = match frame {
             None => (logged, lines.find_map(|line| line.strip_prefix("error: "))),
             // The log is shared by all frames of the task.
@@ -218,33 +231,33 @@ impl Inspector<'_> {
     }
 
     /// Contents of a command's output, and why they are uncertain.
-    fn contents(&mut self, args: &RenderArgs) -> (Contents, Option<String>) {
-        let output = args.output();
-        let record = match Earlier::read(&output) {
+    fn contents(&mut self, request: &RenderRequest) -> (Contents, Option<String>) {
+        let output = &request.output;
+        let record = match Earlier::read(output) {
             Ok(None) => return (Contents::Nothing, None),
             Ok(Some(earlier)) => earlier.record,
             Err(e) => return (Contents::Other(e.to_string()), None),
         };
-        let settings = args.settings();
+        let settings = &request.settings;
         let some = Contents::Some(settings.spp.map_or(0.0, |goal| f64::from(record.paths) / f64::from(goal)));
-        let inputs = self.inputs.entry(files_key(args)).or_insert_with(|| {
-            let inputs = Inputs::read(args)?;
+        let inputs = self.inputs.entry(request.files_key()).or_insert_with(|| {
+            let inputs = Inputs::read(request)?;
             // Only the hashes are needed: the files are closed.
-            inputs.take(args)?;
+            inputs.take(request)?;
             Ok(inputs)
         });
         let inputs = match inputs {
             Ok(inputs) => inputs,
-            Err(e) if record.is_done(&settings) => return (Contents::All, Some(e.to_string())),
+            Err(e) if record.is_done(settings) => return (Contents::All, Some(e.to_string())),
             Err(e) => return (some, Some(e.to_string())),
         };
-        if !record.matches(&inputs.identity(args, &settings), &args.requested()) {
+        if !record.matches(&inputs.identity(request, settings), &request.requested()) {
             return (
                 Contents::Other(format!("{}: holds another render than the plan asks for", output.display())),
                 None,
             );
         }
-        let session = Session { args, inputs, threads: 1, began: Instant::now(), replaces: false };
+        let session = Session { request, inputs, threads: 1, began: Instant::now(), replaces: false };
         match session.finished_before() {
             Ok(Some(_)) => (Contents::All, None),
             Ok(None) => (some, None),

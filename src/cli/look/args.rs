@@ -7,7 +7,7 @@ use clap::Args;
 use super::contents::Bounds;
 use super::direction::Direction;
 use crate::batch::frames::Frames;
-use crate::cli::scene_selection::SceneSelection;
+use crate::cli::scene_selection::SelectionArgs;
 use crate::console::Size;
 use crate::console::args::{not_negative, threads};
 use crate::rays::Backend;
@@ -24,7 +24,7 @@ pub struct LookArgs {
     #[arg(required = true, num_args = 1..=2, value_name = "SCENE")]
     pub scenes: Vec<PathBuf>,
     #[command(flatten)]
-    pub selection: SceneSelection,
+    pub selection: SelectionArgs,
     /// Frames of the animation, a row for each: 0-48x12 or 0,12,24. All have the framing of the whole animation.
     #[arg(long, value_name = "FRAMES", conflicts_with_all = ["pose", "frame"], help_heading = "View")]
     pub frames: Option<Frames>,
@@ -52,7 +52,7 @@ pub struct LookArgs {
     #[arg(long, value_name = "N", value_parser = threads, help_heading = "Machine")]
     pub threads: Option<usize>,
     /// Memory limit, such as 900M or 6G [default: Slurm's limit, else the machine's memory].
-    #[arg(long, value_name = "SIZE", value_parser = crate::cli::memory::parse_size, help_heading = "Machine")]
+    #[arg(long, value_name = "SIZE", value_parser = crate::job::memory::parse_size, help_heading = "Machine")]
     pub memory_limit: Option<u64>,
 }
 
@@ -65,7 +65,8 @@ impl LookArgs {
     /// # Errors
     /// [`Error::Usage`].
     pub fn check(&self) -> Result<()> {
-        self.selection.check(self.frames.is_some() || self.selection.is_posed(), false, Backend::Embree)?;
+        let selection = self.selection.selection();
+        selection.check(self.frames.is_some() || selection.is_posed(), false, Backend::Embree)?;
         if self.scenes.len() == 1 && (self.max_flip.is_some() || self.page.is_some()) {
             return Err(Error::Usage("--max-flip and --page compare two scenes; there is one".into()));
         }

@@ -12,11 +12,10 @@ use super::args::LookArgs;
 use super::contents::Contents;
 use super::direction::Direction;
 use crate::batch::frames::Frames;
-use crate::cli::flag_values::parse;
-use crate::cli::render::{Inputs, Loaded, RenderArgs, Session};
 use crate::console::Paths;
 use crate::film::{Exposure, Pixels, View, preview::to_byte};
-use crate::render::{RenderSettings, RunOptions, StopReason, run};
+use crate::job::{Inputs, Loaded, RenderRequest, Session};
+use crate::render::{Choice, RenderSettings, RunOptions, StopReason, run};
 use crate::scene::Orbit;
 use crate::{Error, Result};
 
@@ -25,7 +24,7 @@ pub type Sphere = (DVec3, f64);
 
 /// A scene that is looked at, with its files.
 pub struct Subject {
-    args: RenderArgs,
+    request: RenderRequest,
     inputs: Inputs,
     /// What is in it.
     pub contents: Contents,
@@ -39,28 +38,34 @@ impl Subject {
     /// # Errors
     /// Those of the import, of [`Paths::reads`], and [`Error::Host`] if memory does not suffice.
     pub fn open(look: &LookArgs, scene: &Path, paths: &mut Paths) -> Result<Self> {
-        let mut flags = vec![
-            ("size".to_owned(), Some(format!("{}x{}", look.size.0, look.size.1))),
-            ("spp".into(), Some(look.spp.to_string())),
-            ("aov".into(), Some("none".into())),
-            ("transparent".into(), None),
-        ];
+        let mut selection = look.selection.selection();
+        look.frames.iter().for_each(|frames| selection.frame = Some(frames.numbers()[0].into()));
         // With so few paths, the pre-passes take longer than what they save.
-        let prepasses = ["guiding", "adaptive", "learned-lights", "compensation"];
-        flags.extend(prepasses.map(|name| (name.into(), Some("off".into()))));
-        let mut args: RenderArgs = parse("render", &flags, &[scene])?;
-        args.selection = look.selection.clone();
-        look.frames.iter().for_each(|frames| args.selection.set_frame(frames.numbers()[0]));
-        args.memory_limit = look.memory_limit;
-        args.check()?;
-        let inputs = Inputs::read(&args)?;
+        let off = Choice::Off;
+        let settings = RenderSettings {
+            spp: Some(look.spp),
+            transparent: true,
+            guiding: off,
+            adaptive: off,
+            ..Default::default()
+        };
+        let request = RenderRequest {
+            scene: scene.into(),
+            selection,
+            settings: RenderSettings { learned_lights: off, compensation: off, ..settings },
+            size: Some(look.size),
+            aovs: Vec::new(),
+            memory_limit: look.memory_limit,
+            ..Default::default()
+        };
+        let inputs = Inputs::read(&request)?;
         inputs.declare(paths)?;
         let threads = rayon::current_num_threads();
-        let session = Session { args: &args, inputs: &inputs, threads, began: Instant::now(), replaces: false };
+        let session = Session { request: &request, inputs: &inputs, threads, began: Instant::now(), replaces: false };
         session.check_memory()?;
-        let imported = inputs.lend(&args)?.scene.import(&args.selection.options(false, false))?;
+        let imported = inputs.lend(&request)?.scene.import(&request.selection.options(false, false))?;
         let (contents, sphere) = (Contents::of(&imported, &inputs.scene), imported.scene.enclosing_sphere());
-        Ok(Self { args, inputs, contents, sphere })
+        Ok(Self { request, inputs, contents, sphere })
     }
 
     /// Renders the views, frame by frame, around `sphere`.
@@ -78,9 +83,9 @@ impl Subject {
             frames.map_or(vec![None], |all| all.numbers().iter().copied().map(Some).collect());
         let (mut shots, mut previous) = (Vec::new(), None);
         for (i, frame) in poses.iter().enumerate() {
-            frame.iter().for_each(|frame| self.args.selection.set_frame(*frame));
+            frame.iter().for_each(|frame| self.request.selection.frame = Some((*frame).into()));
             let more = i + 1 < poses.len();
-            let loaded = Loaded::load_next(&self.args, &self.inputs, previous.take(), more, &|_, _| true)?;
+            let loaded = Loaded::load_next(&self.request, &self.inputs, previous.take(), more, &|_, _| true)?;
             // The importer makes no environment.
             self.contents.studio_light = loaded.prepared.scene.environment.is_some();
             for view in views {
@@ -99,8 +104,8 @@ impl Subject {
         sphere: Sphere,
         stop: &AtomicBool,
     ) -> Result<Shot> {
-        let settings = self.args.settings();
-        let (width, height) = self.args.size.map_or((settings.width, settings.height), |size| (size.0, size.1));
+        let settings = self.request.settings.clone();
+        let (width, height) = self.request.size.map_or((settings.width, settings.height), |size| (size.0, size.1));
         let camera = view.orbit().around(sphere, f64::from(width) / f64::from(height));
         let scene = loaded.prepared.with_camera(camera);
         let settings = RenderSettings { camera: scene.scene.cameras.len() - 1, width, height, ..settings };

@@ -1,33 +1,35 @@
 //! The flags of `bismar render`.
 
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 use clap::Args;
 use tracing::info;
 
 use super::values::{
-    AovList, Crop, LightUnit, OnByDefault, PartFlag, PixelPath, Preset, adaptive, balance, blades, finite,
+    AovList, Crop, OnByDefault, PartFlag, PixelPath, Preset, adaptive, balance, blades, finite, light_unit,
     not_negative, preset, share,
 };
 use crate::batch::frames::Frames;
+use crate::batch::job::Job;
 use crate::batch::numbering::numbered;
-use crate::batch::views::MAX_VIEWS;
+use crate::batch::views::{self, MAX_VIEWS};
 use crate::cli::flag_values::value_of;
-use crate::cli::scene_selection::SceneSelection;
+use crate::cli::scene_selection::SelectionArgs;
 use crate::console::Size;
 use crate::console::args::{positive, seconds, threads};
 use crate::console::progress::Style;
 use crate::console::tev;
-use crate::farm::PathMapping;
+use crate::farm::{PathMapping, utf8};
 use crate::film::denoise::Denoiser;
 use crate::film::{Aov, Denoise, Exposure, View, preview};
+use crate::job::memory::parse_size;
+use crate::job::{LightUnit, RenderRequest};
 use crate::rays::Backend;
-use crate::render::identity::RequestedOutputs;
 use crate::render::lens::{Aperture, Focus, LensSettings};
-use crate::render::{BackFaces, Balance, Choice, GlassShadows, Ground, Integrator, Part, PixelFilter, RenderSettings};
+use crate::render::{BackFaces, Balance, Choice, GlassShadows, Ground, Integrator, PixelFilter, RenderSettings};
 use crate::sampling::frame_seed;
 use crate::scene::import::STANDARD_INPUT;
-use crate::scene::{Framing, Orbit, PlacedCamera};
+use crate::scene::{Orbit, PlacedCamera};
 use crate::{Error, Result};
 
 /// Render a glTF scene to OpenEXR.
@@ -41,7 +43,7 @@ pub struct RenderArgs {
     /// The scene file, .gltf or .glb; or -, a GLB from standard input, which can name no other file.
     pub scene: PathBuf,
     #[command(flatten)]
-    pub selection: SceneSelection,
+    pub selection: SelectionArgs,
     /// Frames of an animation to render, each to its own file: 1-240, 1-240x2 (every second frame), 7,12,40-44. File names
     /// hold the frame number as #### or {frame:04}. Running the same command again renders the missing frames
     /// (docs/animation.md).
@@ -139,7 +141,7 @@ pub struct RenderArgs {
     pub sky: bool,
     /// Unit of the file's point, spot and directional lights: lumen uses their intensities unchanged, watt divides them by
     /// 683 lm/W, the factor that Blender's exporter multiplies by.
-    #[arg(long, value_enum, default_value_t, value_name = "UNIT", help_heading = "Light")]
+    #[arg(long, value_parser = light_unit(), default_value = "lumen", value_name = "UNIT", help_heading = "Light")]
     pub light_unit: LightUnit,
     /// Render without any environment light.
     #[arg(long, conflicts_with = "infinite", help_heading = "Light")]
@@ -190,7 +192,7 @@ pub struct RenderArgs {
     #[arg(long, value_parser = value_of::<Choice>(), value_name = "WHEN", help_heading = "Sampling")]
     pub guiding: Option<Choice>,
     /// Memory limit of the guiding field, such as 256M or 1G [default: 256M].
-    #[arg(long, value_name = "SIZE", value_parser = crate::cli::memory::parse_size, help_heading = "Sampling")]
+    #[arg(long, value_name = "SIZE", value_parser = parse_size, help_heading = "Sampling")]
     pub guiding_memory: Option<u64>,
     /// Learned light selection: choose among emissive triangles by what a pre-pass has learned (docs/balance.md). auto
     /// concerns --balance progressive.
@@ -258,7 +260,7 @@ pub struct RenderArgs {
     pub threads: Option<usize>,
     /// Memory limit, such as 900M or 6G: a render that needs more is refused [default: Slurm's limit, else the machine's
     /// memory].
-    #[arg(long, value_name = "SIZE", value_parser = crate::cli::memory::parse_size, help_heading = "Machine")]
+    #[arg(long, value_name = "SIZE", value_parser = parse_size, help_heading = "Machine")]
     pub memory_limit: Option<u64>,
 
     /// AOVs to write in addition to the beauty, separated by commas, or all, or none: albedo, normal, depth, direct,
@@ -336,31 +338,7 @@ impl RenderArgs {
 
     /// Whether the scene is shown at a time of its animations.
     fn is_posed(&self) -> bool {
-        self.frames.is_some() || self.selection.is_posed()
-    }
-
-    /// Whether the camera is the view that fits the whole scene.
-    pub fn is_framed(&self) -> bool {
-        self.camera.as_deref() == Some(Framing::NAME)
-    }
-
-    /// Text that distinguishes scenes imported differently from the same files; empty for the default import.
-    pub fn import_choices(&self) -> String {
-        let unit = if self.light_unit == LightUnit::Watt { ", lights in watts" } else { "" };
-        let energy = if self.energy_compensation == OnByDefault::Off { ", no energy compensation" } else { "" };
-        let velocities = if self.has_velocities() { ", velocities" } else { "" };
-        format!("{}{unit}{energy}{velocities}", self.selection.name())
-    }
-
-    /// Text that identifies a camera that is not one of the file; empty for those of the file.
-    pub fn view_text(&self) -> String {
-        let placed = self.placed.as_ref().map(|placed| format!(", camera at {placed}"));
-        placed.or(self.orbit.map(|orbit| format!(", orbit {orbit}"))).unwrap_or_default()
-    }
-
-    /// Whether the velocity AOV is written.
-    pub fn has_velocities(&self) -> bool {
-        self.aovs().contains(&Aov::Velocity)
+        self.frames.is_some() || self.selection.selection().is_posed()
     }
 
     /// Path of the picture.
@@ -375,7 +353,7 @@ impl RenderArgs {
 
     /// AOVs to write, in the order of [`Aov`]. A method that needs a goal reweights its pilot's light after the light
     /// sources are forgotten, so `lights` is left out; `velocity` needs a time.
-    pub fn aovs(&self) -> Vec<Aov> {
+    fn aovs(&self) -> Vec<Aov> {
         let mut aovs = self.aov.0.clone();
         aovs.sort();
         aovs.dedup();
@@ -384,32 +362,21 @@ impl RenderArgs {
         aovs
     }
 
-    /// Names of [`Self::aovs`], separated by commas.
-    pub fn aov_names(&self) -> String {
-        self.aovs().into_iter().map(Aov::name).collect::<Vec<_>>().join(",")
-    }
-
-    /// Paths per pixel at which to stop: 64 if there is no other stop rule.
-    pub fn spp(&self) -> Option<u32> {
-        let unlimited = self.spp.is_none() && self.time.is_none() && self.noise.is_none();
-        if unlimited { RenderSettings::default().spp } else { self.spp }
-    }
-
-    /// The part of the output's identity that is known before the scene is loaded.
-    pub fn requested(&self) -> RequestedOutputs {
-        let (camera, size) = (self.camera.clone(), self.size.map(|s| [s.0, s.1]));
-        RequestedOutputs { camera, size, aovs: self.aov_names(), half: self.half, denoised: self.denoise.is_some() }
-    }
-
-    /// Render settings, except camera, width and height, which depend on the scene.
-    pub fn settings(&self) -> RenderSettings {
+    /// What the command asks for; of a sequence, what its pictures have in common.
+    ///
+    /// # Errors
+    /// Those of [`Self::check`].
+    pub fn request(&self) -> Result<RenderRequest> {
+        self.check()?;
+        let (aovs, selection) = (self.aovs(), self.selection.selection());
         // Other methods are there to compare with: they take what is asked for, and nothing more.
         let automatic = if self.balance.method().uses_prepasses() { Choice::Auto } else { Choice::Off };
-        RenderSettings {
+        let unlimited = self.spp.is_none() && self.time.is_none() && self.noise.is_none();
+        let settings = RenderSettings {
             crop: self.crop.map(|c| c.0),
             integrator: self.integrator,
             max_depth: self.max_depth,
-            spp: self.spp(),
+            spp: if unlimited { RenderSettings::default().spp } else { self.spp },
             time: self.time,
             noise: self.noise,
             min_spp: self.min_spp,
@@ -421,13 +388,13 @@ impl RenderArgs {
             guiding_memory: self.guiding_memory,
             learned_lights: self.learned_lights,
             compensation: self.compensation,
-            seed: match (self.seed_per_frame, self.selection.frame()) {
+            seed: match (self.seed_per_frame, selection.frame) {
                 (Some(true), Some(frame)) => frame_seed(self.seed, frame),
                 _ => self.seed,
             },
             filter: self.filter,
-            aovs: self.aovs().iter().any(|a| a.needs_sums()),
-            extras: self.denoise.is_some() || self.aovs().iter().any(|a| a.needs_extras()),
+            aovs: aovs.iter().any(|a| a.needs_sums()),
+            extras: self.denoise.is_some() || aovs.iter().any(|a| a.needs_extras()),
             clamp_direct: self.clamp_direct,
             clamp_indirect: self.clamp_indirect,
             transparent: self.transparent || self.ground == Ground::Shadow,
@@ -436,19 +403,36 @@ impl RenderArgs {
             clip: !self.no_clip,
             glass_shadows: self.glass_shadows,
             ground: self.ground,
-            part: self.part(),
+            part: self.part_flag.map(|flag| flag.part),
             ..RenderSettings::default()
+        };
+        let output = self.output();
+        let Self { scene, camera, orbit, placed, size, env, env_rotate, env_strength, sky, no_env, .. } = self.clone();
+        let Self { light_unit, strict, half, denoise, preview, view, exposure, stats, tev, checkpoint, .. } =
+            self.clone();
+        let Self { keep, on_checkpoint, resume, rays, memory_limit, relative_to, given, .. } = self.clone();
+        let energy_compensation = self.energy_compensation == OnByDefault::On;
+        #[rustfmt::skip]
+        let request = RenderRequest {
+            scene, selection, output, settings, camera, orbit, placed, size, env, env_rotate, env_strength, sky, no_env,
+            light_unit, energy_compensation, strict, aovs, half, denoise, preview, view, exposure, stats, tev, checkpoint, keep,
+            on_checkpoint, resume, rays, memory_limit, relative_to, given,
+        };
+        Ok(request)
+    }
+
+    /// What the command asks for, picture by picture, with the numbers of frames.
+    ///
+    /// # Errors
+    /// Those of [`Self::request`] and [`Self::of_frame`].
+    pub fn requests(&self) -> Result<Vec<(Option<u32>, RenderRequest)>> {
+        match &self.frames {
+            None => Ok(vec![(None, self.request()?)]),
+            Some(frames) => {
+                let numbers = frames.numbers().iter();
+                numbers.map(|frame| Ok((Some(*frame), self.of_frame(*frame)?.request()?))).collect()
+            }
         }
-    }
-
-    /// The part to render; `None` for the whole picture.
-    pub fn part(&self) -> Option<Part> {
-        self.part_flag.map(|flag| flag.part)
-    }
-
-    /// Replaces the part to render.
-    pub fn set_part(&mut self, part: Option<Part>) {
-        self.part_flag = part.map(|part| PartFlag { part, is_auto: false });
     }
 
     /// The same command with `--path-mapping` applied to its paths, and with the number of the part in the names of its
@@ -489,9 +473,9 @@ impl RenderArgs {
     ///
     /// # Errors
     /// [`Error::Usage`] if the output's name has no placeholder for the frame number.
-    pub fn of_frame(&self, frame: u32) -> Result<Self> {
+    fn of_frame(&self, frame: u32) -> Result<Self> {
         let mut args = Self { frames: None, seed_per_frame: Some(self.seed_per_frame.unwrap_or(true)), ..self.clone() };
-        args.selection.set_frame(frame);
+        args.selection.frame = Some(frame.into());
         let output = self.output();
         args.output = Some(numbered(&output, frame).ok_or_else(|| {
             Error::Usage(format!(
@@ -535,11 +519,11 @@ impl RenderArgs {
                 "--adaptive cannot be used with --noise, which gives each tile the paths that it needs".into(),
             ));
         }
-        if self.seed_per_frame == Some(true) && self.frames.is_none() && self.selection.frame().is_none() {
+        if self.seed_per_frame == Some(true) && self.frames.is_none() && self.selection.frame.is_none() {
             return Err(Error::Usage("--seed-per-frame needs a frame: --frames or --frame".into()));
         }
         let velocity = !self.has_all_aovs() && self.aov.0.contains(&Aov::Velocity);
-        self.selection.check(self.is_posed(), velocity, self.rays)?;
+        self.selection.selection().check(self.is_posed(), velocity, self.rays)?;
         if self.is_sequence() && self.part_flag.is_some_and(|flag| flag.is_auto) {
             return Err(Error::Usage(
                 "--part auto divides one picture: for a sequence use `bismar farm submit`, whose tasks are its frames"
@@ -581,6 +565,69 @@ impl RenderArgs {
         }
         Ok(())
     }
+}
+
+/// A command that renders many pictures.
+pub struct Sequence {
+    /// All of them as one job.
+    pub job: Job,
+    /// Folders below which they are written.
+    pub folders: Vec<PathBuf>,
+    /// Number of threads.
+    pub threads: Option<usize>,
+    /// Progress display.
+    pub style: Style,
+    /// Whether the parent process announces signals.
+    pub signals_from_parent: bool,
+}
+
+/// Flags that the sequence handles itself and does not pass to its jobs.
+const NOT_FOR_JOBS: [&str; 6] = ["resume", "progress", "threads", "path-mapping", "led", "output"];
+
+impl RenderArgs {
+    /// The flags that were given, without dashes, with their values.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] for a value that is not UTF-8.
+    pub fn given(&self) -> Result<Vec<(String, Option<String>)>> {
+        self.given.clone().ok_or_else(|| Error::Usage("the value of a flag is not UTF-8".into()))
+    }
+
+    /// The command as a sequence.
+    ///
+    /// # Errors
+    /// Those of [`Self::check`], [`Self::on_this_machine`], [`Self::given`] and [`views::read`].
+    pub fn sequence(&self) -> Result<Sequence> {
+        self.check()?;
+        let mut flags = self.given()?;
+        let args = self.on_this_machine()?;
+        // For the exit code of a file that is missing or wrong.
+        args.cameras.iter().try_for_each(|file| views::read(file).map(drop))?;
+        flags.retain(|(name, _)| !NOT_FOR_JOBS.contains(&name.as_str()));
+        // Paths after --path-mapping.
+        for (name, path) in
+            [("env", &args.env), ("cameras", &args.cameras), ("preview", &args.preview), ("stats", &args.stats)]
+        {
+            for (_, value) in flags.iter_mut().filter(|(flag, _)| flag == name) {
+                *value = path.as_deref().map(|path| utf8(path).map(str::to_owned)).transpose()?;
+            }
+        }
+        let output = args.output();
+        let outputs = [Some(&output), args.preview.as_ref(), args.stats.as_ref()];
+        let folders = outputs.into_iter().flatten().map(|path| folder(path)).collect();
+        let name = output.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        let job = Job { name, scene: args.scene.clone(), flags, output, ..Job::default() };
+        let RenderArgs { threads, progress: style, signals_from_parent, .. } = args;
+        Ok(Sequence { job, folders, threads, style, signals_from_parent })
+    }
+}
+
+/// The folder of an output, before the first of its folders whose name holds the frame's number.
+fn folder(output: &Path) -> PathBuf {
+    let has_number = |part: &Component| part.as_os_str().to_string_lossy().contains(['#', '{']);
+    let parent = output.parent().unwrap_or(Path::new(""));
+    let before: PathBuf = parent.components().take_while(|part| !has_number(part)).collect();
+    if before.as_os_str().is_empty() { ".".into() } else { before }
 }
 
 /// Fails for a path without one of these extensions. Devices have none and are allowed, for benchmarks.

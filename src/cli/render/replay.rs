@@ -1,11 +1,8 @@
 //! `bismar render --replay-pixel X,Y[,N]`
 
-use super::args::RenderArgs;
-use super::choose::settings;
-use super::identity::Inputs;
-use super::loaded::Loaded;
 use super::values::PixelPath;
 use crate::console::{Verdict, print};
+use crate::job::{Inputs, Loaded, RenderRequest, settings};
 use crate::render::prepass::allocation::MAX_PATHS_OVER_MEAN;
 use crate::render::{RenderSettings, replay};
 use crate::{Error, Result};
@@ -14,11 +11,11 @@ use crate::{Error, Result};
 ///
 /// # Errors
 /// [`Error::Usage`] for a pixel or path outside of the picture; those of loading the scene.
-pub fn run(args: &RenderArgs, pixel_path: PixelPath) -> Result<Verdict> {
-    let inputs = Inputs::read(args)?;
-    let loaded = Loaded::load(args, &inputs, &|_, _| true)?;
-    let loaded = loaded.placed(args)?.unwrap_or(loaded);
-    let settings: RenderSettings = settings(args, &loaded.prepared.scene)?;
+pub fn run(request: &RenderRequest, pixel_path: PixelPath) -> Result<Verdict> {
+    let inputs = Inputs::read(request)?;
+    let loaded = Loaded::load(request, &inputs, &|_, _| true)?;
+    let loaded = loaded.placed(request)?.unwrap_or(loaded);
+    let settings: RenderSettings = settings(request, &loaded.prepared.scene)?;
     let PixelPath { pixel: [x, y], path } = pixel_path;
     if x >= settings.width || y >= settings.height {
         return Err(Error::Usage(format!(

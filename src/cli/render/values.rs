@@ -7,8 +7,8 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
 use crate::farm::array::{ArrayTask, array_task};
 use crate::film::Aov;
+use crate::job::LightUnit;
 use crate::render::{Balance, Choice, Part};
-use crate::{Error, Result};
 
 type Parsed<T> = std::result::Result<T, String>;
 
@@ -120,32 +120,22 @@ fn part_of(task: ArrayTask, rest: &str) -> Parsed<Part> {
     Ok(Part { number, of })
 }
 
+/// Parser of `--light-unit`.
+pub fn light_unit() -> impl TypedValueParser<Value = LightUnit> {
+    let help = [
+        ("lumen", "Candela and lux, as KHR_lights_punctual defines"),
+        ("watt", "W/sr and W/m^2, multiplied by 683 lm/W as Blender's exporter does"),
+    ];
+    PossibleValuesParser::new(help.map(|(name, help)| PossibleValue::new(name).help(help)))
+        .map(|name| if name == "watt" { LightUnit::Watt } else { LightUnit::Lumen })
+}
+
 /// A switch that is on by default.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 pub enum OnByDefault {
     #[default]
     On,
     Off,
-}
-
-/// Unit of the file's punctual lights.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
-pub enum LightUnit {
-    /// Candela and lux, as KHR_lights_punctual defines
-    #[default]
-    Lumen,
-    /// W/sr and W/m^2, multiplied by 683 lm/W as Blender's exporter does
-    Watt,
-}
-
-impl LightUnit {
-    /// Factor on intensities.
-    pub fn factor(self) -> f32 {
-        match self {
-            Self::Lumen => 1.0,
-            Self::Watt => 1.0 / 683.0,
-        }
-    }
 }
 
 /// `x0,y0,x1,y1`: a window in pixels from the top left; x1 and y1 are exclusive.
@@ -163,22 +153,6 @@ impl FromStr for Crop {
             Some(_) => Err("the window is empty: x1 must be above x0, and y1 above y0".into()),
             None => Err("not x0,y0,x1,y1 in pixels".into()),
         }
-    }
-}
-
-impl Crop {
-    /// The window as an array.
-    ///
-    /// # Errors
-    /// [`Error::Usage`] if it is not inside a picture of this size.
-    pub fn inside(self, width: u32, height: u32) -> Result<[u32; 4]> {
-        let [x0, y0, x1, y1] = self.0;
-        if x1 > width || y1 > height {
-            return Err(Error::Usage(format!(
-                "--crop {x0},{y0},{x1},{y1} is not inside the picture of {width}x{height} pixels"
-            )));
-        }
-        Ok(self.0)
     }
 }
 
@@ -254,7 +228,6 @@ mod tests {
         for bad in ["", "1,2,3", "2,0,1,5", "0,0,0,1", "0,0,1,1,1", "-1,0,1,1"] {
             assert!(bad.parse::<Crop>().is_err(), "{bad}");
         }
-        assert!(Crop([0, 0, 10, 10]).inside(10, 9).is_err());
         assert_eq!("depth, normal".parse(), Ok(AovList(vec![Aov::Depth, Aov::Normal])));
         assert_eq!("all".parse::<AovList>().map(|l| l.0.len()), Ok(19));
         assert_eq!("variance,samples,balance".parse(), Ok(AovList(Aov::DEFAULT.to_vec())));

@@ -99,7 +99,7 @@ fn read(file: &Path) -> Outcome<Scene> {
 }
 
 fn settings(spp: u32) -> RenderSettings {
-    RenderSettings { width: 256, height: 256, spp: Some(spp), filter: PixelFilter::Box, ..Default::default() }
+    RenderSettings { width: 256, height: 256, spp: Some(spp), filter: PixelFilter::Box, ..RenderSettings::even() }
 }
 
 fn pool(threads: usize) -> Outcome<ThreadPool> {

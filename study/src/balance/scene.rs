@@ -31,7 +31,7 @@ impl StudyScene {
             width: design.width,
             height: design.height,
             integrator: design.integrator,
-            ..RenderSettings::default()
+            ..RenderSettings::even()
         };
         let mosaic = design.mosaic()?;
         let fingerprint = files.fingerprint(&settings, &mosaic)?;
@@ -101,12 +101,12 @@ mod tests {
             Files::open(&scene).unwrap().fingerprint(settings, &mosaic).unwrap()
         };
         let of = |settings: &RenderSettings| with(settings, None);
-        let first = of(&RenderSettings::default());
-        assert_eq!(first, of(&RenderSettings::default()));
-        assert_ne!(first, of(&RenderSettings { width: 1, ..Default::default() }));
-        assert_eq!(first, with(&RenderSettings::default(), Some([64, 32])));
-        assert_ne!(first, with(&RenderSettings::default(), Some([640, 320])));
+        let first = of(&RenderSettings::even());
+        assert_eq!(first, of(&RenderSettings::even()));
+        assert_ne!(first, of(&RenderSettings { width: 1, ..RenderSettings::even() }));
+        assert_eq!(first, with(&RenderSettings::even(), Some([64, 32])));
+        assert_ne!(first, with(&RenderSettings::even(), Some([640, 320])));
         fs::write(&buffer, "2").unwrap();
-        assert_ne!(first, of(&RenderSettings::default()));
+        assert_ne!(first, of(&RenderSettings::even()));
     }
 }

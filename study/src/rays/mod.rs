@@ -97,6 +97,6 @@ impl Subject {
             if again { 0 } else { scene.triangles(i.object) as u64 }
         };
         let built = scene.instances.iter().map(of_instance).sum();
-        Self { name, shape, scene: Arc::new(scene), triangles, built, settings: RenderSettings::default() }
+        Self { name, shape, scene: Arc::new(scene), triangles, built, settings: RenderSettings::even() }
     }
 }

@@ -190,7 +190,7 @@ impl SceneCase {
                 integrator: self.integrator,
                 balance,
                 seed: seed + r,
-                ..Default::default()
+                ..RenderSettings::even()
             };
             let rendered = render(&self.scene, &settings, stop, &|_| ())?;
             let green = rendered.film().pixels.iter().map(|p| p.sum[1] / f64::from(p.samples)).collect();

@@ -218,7 +218,7 @@ pub fn settings(seed: u32, guiding: Guiding) -> RenderSettings {
         balance: Balance::Half,
         guiding,
         seed,
-        ..Default::default()
+        ..RenderSettings::even()
     }
 }
 

@@ -5,13 +5,13 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-use super::args::RenderArgs;
 use super::command::PictureCommand;
 use super::denoise::denoised_elsewhere;
-use super::identity::Inputs;
+use super::inputs::Inputs;
 use super::loaded::Loaded;
 use super::names::names;
-use crate::cli::stats::{Seconds, Stats};
+use super::request::RenderRequest;
+use super::stats::{Seconds, Stats};
 use crate::film::denoise::{Denoiser, NoisyPicture};
 use crate::film::exr_file::{Header, HeaderValue, WORLD_TO_CAMERA, WORLD_TO_NDC};
 use crate::film::{Background, Look, Picture, colors, exr_file, preview};
@@ -24,7 +24,7 @@ const DENOISED_LAYER: &str = "denoised";
 
 /// Writes the outputs of one render, at each checkpoint and at its end.
 pub struct OutputWriter<'a> {
-    args: &'a RenderArgs,
+    request: &'a RenderRequest,
     inputs: &'a Inputs,
     threads: usize,
     loaded: &'a Loaded,
@@ -46,7 +46,7 @@ impl<'a> OutputWriter<'a> {
     /// # Errors
     /// Those of [`Denoiser::load`].
     pub fn new(
-        args: &'a RenderArgs,
+        request: &'a RenderRequest,
         inputs: &'a Inputs,
         loaded: &'a Loaded,
         threads: usize,
@@ -54,18 +54,18 @@ impl<'a> OutputWriter<'a> {
         identity: &'a Identity,
         resumable: bool,
     ) -> Result<Self> {
-        args.denoise.map(|_| Denoiser::load()).transpose()?;
+        request.denoise.map(|_| Denoiser::load()).transpose()?;
         let seconds = loaded.seconds();
         Ok(Self {
-            args,
+            request,
             inputs,
             threads,
             loaded,
             settings,
             identity,
-            output: args.output(),
+            output: request.output.clone(),
             resumable,
-            denoises: args.denoise.is_some(),
+            denoises: request.denoise.is_some(),
             denoised: RefCell::new(None),
             seconds: Cell::new(seconds),
         })
@@ -105,7 +105,7 @@ impl<'a> OutputWriter<'a> {
         self.add_write_seconds(start);
         stats.seconds.write = self.seconds.get().write;
         stats.seconds.total = began.elapsed().as_secs_f64();
-        if let Some(path) = &self.args.stats {
+        if let Some(path) = &self.request.stats {
             stats.picture = exr_file::checksum(&self.output)?;
             stats.write(path)?;
         }
@@ -128,9 +128,9 @@ impl<'a> OutputWriter<'a> {
         let start = Instant::now();
         let (scene, backend) = (&self.loaded.prepared.scene, self.loaded.prepared.rays.info());
         let seconds = Seconds { render: rendered.stats.render_seconds, ..self.seconds.get() };
-        let mut stats = Stats::new(&self.args.scene, scene, backend, self.threads, rendered, seconds);
-        stats.exposure = self.args.exposure.of(colors(&rendered.pixels()));
-        let requested = self.args.requested();
+        let mut stats = Stats::new(&self.request.scene, scene, backend, self.threads, rendered, seconds);
+        stats.exposure = self.request.exposure.of(colors(&rendered.pixels()));
+        let requested = self.request.requested();
         let mut record = Record::new(self.identity, &requested, rendered, Host::of(backend), self.resumable);
         let header = self.header(&stats)?;
         let denoised = self.denoised.borrow();
@@ -150,18 +150,18 @@ impl<'a> OutputWriter<'a> {
         let (to_camera, to_picture) = camera(scene, self.settings).matrices();
         header.push((WORLD_TO_CAMERA.into(), HeaderValue::Matrix(to_camera)));
         header.extend(to_picture.map(|matrix| (WORLD_TO_NDC.into(), HeaderValue::Matrix(matrix))));
-        header.extend(names(scene, &self.args.aovs())?);
-        PictureCommand::write(self.args, &mut header)?;
+        header.extend(names(scene, &self.request.aovs)?);
+        PictureCommand::write(self.request, &mut header)?;
         Ok(header)
     }
 
     fn write_preview(&self, rendered: &Rendered, stats: &Stats) -> Result<()> {
-        let Some(path) = &self.args.preview else { return Ok(()) };
-        let mark = preview_mark(self.args, self.inputs, rendered.stats.paths);
+        let Some(path) = &self.request.preview else { return Ok(()) };
+        let mark = preview_mark(self.request, self.inputs, rendered.stats.paths);
         if self.denoised.borrow().is_some() {
-            return develop_file(self.args, path, rendered.background, &mark).map(drop);
+            return develop_file(self.request, path, rendered.background, &mark).map(drop);
         }
-        preview::write(path, &rendered.pixels(), Look { view: self.args.view, exposure: stats.exposure }, &mark)
+        preview::write(path, &rendered.pixels(), Look { view: self.request.view, exposure: stats.exposure }, &mark)
     }
 
     fn add_write_seconds(&self, start: Instant) {
@@ -174,20 +174,20 @@ impl<'a> OutputWriter<'a> {
 ///
 /// # Errors
 /// Those of [`Picture::open`] and [`preview::write_picture`].
-pub fn develop_file(args: &RenderArgs, png: &Path, background: Background, mark: &str) -> Result<f32> {
-    let output = args.output();
-    let mut picture = Picture::open(&output, None)?;
-    let exposure = args.exposure.of(picture.rgb.iter().copied());
-    if args.denoise.is_some() {
-        picture.rgb = Picture::open(&output, Some(DENOISED_LAYER))?.rgb;
+pub fn develop_file(request: &RenderRequest, png: &Path, background: Background, mark: &str) -> Result<f32> {
+    let output = &request.output;
+    let mut picture = Picture::open(output, None)?;
+    let exposure = request.exposure.of(picture.rgb.iter().copied());
+    if request.denoise.is_some() {
+        picture.rgb = Picture::open(output, Some(DENOISED_LAYER))?.rgb;
     }
     let opaque = background != Background::Transparent;
-    preview::write_picture(png, &picture, opaque, Look { view: args.view, exposure }, mark)?;
+    preview::write_picture(png, &picture, opaque, Look { view: request.view, exposure }, mark)?;
     Ok(exposure)
 }
 
 /// Text stored in a PNG, which differs for PNGs of other renders, views, exposures and numbers of paths.
-pub fn preview_mark(args: &RenderArgs, inputs: &Inputs, paths: u64) -> String {
-    let request = inputs.identity(args, &args.settings()).request(&args.requested());
-    format!("view {}, exposure {}, {paths} paths of {request}", args.view.name(), args.exposure)
+pub fn preview_mark(request: &RenderRequest, inputs: &Inputs, paths: u64) -> String {
+    let key = inputs.identity(request, &request.settings).request(&request.requested());
+    format!("view {}, exposure {}, {paths} paths of {key}", request.view.name(), request.exposure)
 }

@@ -4,7 +4,7 @@
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-use super::{LoadedScene, Options, RenderedPicture};
+use super::{LoadedScene, RenderRequest, RenderedPicture};
 use crate::balance::{Balance, Moments};
 use crate::integrator::PreparedScene;
 use crate::render::{Progress, RenderSettings, Rendered, RunOptions, Saved, StopReason, StudyOptions, run};
@@ -25,17 +25,17 @@ pub struct PixelMoments {
 pub type Heuristic<'a> = &'a (dyn Fn(PixelMoments) -> Result<Vec<f32>> + Sync);
 
 impl LoadedScene {
-    /// Renders like [`render`](Self::render), with light shares by `heuristic` instead of a method of `--balance`. Passes are
-    /// those of `kl` (8, 8, 16, 32, 64, 128, 128, … paths per pixel), each with points of its own, so that the picture is
+    /// Renders like [`render`](Self::render), with light shares by `heuristic` instead of a balance method. Passes are
+    /// those of `kl`, which the request names (8, 8, 16, 32, 64, 128, 128, … paths per pixel), each with points of its own, so that the picture is
     /// unbiased whatever the shares; the first has shares of ½.
     ///
     /// # Errors
-    /// Those of [`render`](Self::render) and of `heuristic`; [`Error::Usage`] without a number of paths, with `time`, `noise` or
+    /// Those of [`render`](Self::render) and of `heuristic`; [`Error::Usage`] for another balance, without a number of paths, with `time`, `noise` or
     /// `part`, and for shares that are not one number in [0, 1] for each pixel.
     pub fn render_by(
         &self,
         heuristic: Heuristic,
-        options: &Options,
+        request: RenderRequest,
         stop: &AtomicBool,
         progress: &(dyn Fn(Progress) + Sync),
     ) -> Result<RenderedPicture> {
@@ -48,8 +48,10 @@ impl LoadedScene {
                 _ => Err(Error::Usage("a heuristic of one's own needs spp, without time, noise and part".into())),
             }
         };
-        let options = [options, &[("balance".into(), Some(Balance::Kl.name().into()))]].concat();
-        Ok(RenderedPicture { has_own_heuristic: true, ..self.render_with(&options, &passes)? })
+        if request.settings.balance != Balance::Kl {
+            return Err(Error::Usage("a heuristic of one's own needs balance kl, whose passes it has".into()));
+        }
+        Ok(RenderedPicture { has_own_heuristic: true, ..self.render_with(request, &passes)? })
     }
 }
 

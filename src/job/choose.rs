@@ -1,24 +1,24 @@
 //! Camera, resolution and crop window of a command, which depend on the scene.
 
-use super::args::RenderArgs;
+use super::request::RenderRequest;
 use crate::render::{RenderSettings, tile_positions};
 use crate::scene::{Camera, Framing, Scene, choose};
 use crate::{Error, Result};
 
-/// Render settings of a command, completed by the scene.
+/// Render settings of a request, completed by the scene.
 ///
 /// # Errors
-/// [`Error::Usage`] for an unknown camera, a crop window outside of the picture, more parts than tiles.
-pub fn settings(args: &RenderArgs, scene: &Scene) -> Result<RenderSettings> {
+/// [`Error::Usage`] for an unknown camera, and more parts than tiles; those of [`RenderSettings::validate`].
+pub fn settings(request: &RenderRequest, scene: &Scene) -> Result<RenderSettings> {
     // The camera of `Loaded::placed` is the last one.
-    let camera = match args.orbit.is_some() || args.placed.is_some() {
+    let camera = match request.orbit.is_some() || request.placed.is_some() {
         true => scene.cameras.len() - 1,
-        false => camera(&scene.cameras, args.camera.as_deref())?,
+        false => camera(&scene.cameras, request.camera.as_deref())?,
     };
-    let (width, height) = args.size.map_or_else(|| size(&scene.cameras[camera]), |s| (s.0, s.1));
-    let crop = args.crop.map(|c| c.inside(width, height)).transpose()?;
-    let settings = RenderSettings { camera, width, height, crop, ..args.settings() };
-    if let Some(part) = args.part()
+    let (width, height) = request.size.map_or_else(|| size(&scene.cameras[camera]), |s| (s.0, s.1));
+    let settings = RenderSettings { camera, width, height, ..request.settings.clone() };
+    settings.validate(scene)?;
+    if let Some(part) = settings.part
         && tile_positions(&settings).is_empty()
     {
         return Err(Error::Usage(format!("--part {part}: the picture has fewer tiles than parts; give fewer parts")));
@@ -48,13 +48,13 @@ pub fn camera(cameras: &[Camera], wanted: Option<&str>) -> Result<usize> {
 ///
 /// # Errors
 /// [`Error::Usage`], which lists the cameras.
-pub fn camera_of_file(cameras: &[Camera], args: &RenderArgs) -> Result<usize> {
-    camera(cameras, args.camera.as_deref().filter(|_| !is_panorama(cameras, args)))
+pub fn camera_of_file(cameras: &[Camera], request: &RenderRequest) -> Result<usize> {
+    camera(cameras, request.camera.as_deref().filter(|_| !is_panorama(cameras, request)))
 }
 
 /// Whether the camera is a panorama that the scene does not hold.
-pub fn is_panorama(cameras: &[Camera], args: &RenderArgs) -> bool {
-    args.camera.as_deref() == Some(Camera::PANORAMA) && cameras.iter().all(|camera| camera.name != Camera::PANORAMA)
+pub fn is_panorama(cameras: &[Camera], request: &RenderRequest) -> bool {
+    request.camera.as_deref() == Some(Camera::PANORAMA) && cameras.iter().all(|camera| camera.name != Camera::PANORAMA)
 }
 
 /// The panorama of `--camera panorama`: from the first camera of the file, or from the centre of the scene if it has none.

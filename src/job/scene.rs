@@ -2,9 +2,8 @@
 
 use tracing::{debug, warn};
 
-use super::args::RenderArgs;
-use super::identity::Files;
-use super::values::OnByDefault;
+use super::inputs::Files;
+use super::request::RenderRequest;
 use crate::Result;
 use crate::scene::import::{NoteKind, SceneFiles};
 use crate::scene::{Environment, Scene};
@@ -23,23 +22,23 @@ fn exporter_hint(generator: Option<&str>) -> &'static str {
 ///
 /// # Errors
 /// Those of the import.
-pub fn scene_at_rest(args: &RenderArgs, files: &SceneFiles) -> Result<Scene> {
-    let mut scene = files.import(&args.selection.at_rest().options(false, false))?.scene;
-    apply_flags(args, &mut scene);
-    if args.is_framed() {
+pub fn scene_at_rest(request: &RenderRequest, files: &SceneFiles) -> Result<Scene> {
+    let mut scene = files.import(&request.selection.at_rest().options(false, false))?.scene;
+    apply_flags(request, &mut scene);
+    if request.is_framed() {
         scene.frame();
     }
     Ok(scene)
 }
 
 /// Applies the unit of the lights and the energy compensation.
-fn apply_flags(args: &RenderArgs, scene: &mut Scene) {
-    let unit = args.light_unit.factor();
+fn apply_flags(request: &RenderRequest, scene: &mut Scene) {
+    let unit = request.light_unit.factor();
     for light in &mut scene.lights {
         light.intensity *= unit;
         light.motion.iter_mut().for_each(|key| key.intensity *= unit);
     }
-    if args.energy_compensation == OnByDefault::Off {
+    if !request.energy_compensation {
         scene.materials.iter_mut().for_each(|material| material.energy_compensation = false);
     }
 }
@@ -48,8 +47,8 @@ fn apply_flags(args: &RenderArgs, scene: &mut Scene) {
 ///
 /// # Errors
 /// Those of the import and of the environment map.
-pub fn make_scene(args: &RenderArgs, files: Files) -> Result<Scene> {
-    let imported = files.scene.import(&args.selection.options(args.strict, args.has_velocities()))?;
+pub fn make_scene(request: &RenderRequest, files: Files) -> Result<Scene> {
+    let imported = files.scene.import(&request.selection.options(request.strict, request.has_velocities()))?;
     drop(files.scene);
     let generator = imported.report.generator;
     let inexact = imported.report.notes.iter().filter(|n| matches!(n.kind, NoteKind::Approximated | NoteKind::Ignored));
@@ -57,22 +56,22 @@ pub fn make_scene(args: &RenderArgs, files: Files) -> Result<Scene> {
     inexact.iter().for_each(|note| debug!("{note}"));
     if let [first, rest @ ..] = &inexact[..] {
         let more = if rest.is_empty() { String::new() } else { format!(" and {} more", rest.len()) };
-        warn!("{} is not rendered exactly: {first}{more} (`bismar inspect` lists everything)", args.scene.display());
+        warn!("{} is not rendered exactly: {first}{more} (`bismar inspect` lists everything)", request.scene.display());
     }
     let mut scene = imported.scene;
-    apply_flags(args, &mut scene);
-    if args.no_env {
+    apply_flags(request, &mut scene);
+    if request.no_env {
         scene.environment = None;
-    } else if args.sky {
-        scene.environment = Some(Environment { strength: args.env_strength, ..Environment::constant([1.0; 3]) });
+    } else if request.sky {
+        scene.environment = Some(Environment { strength: request.env_strength, ..Environment::constant([1.0; 3]) });
     } else if let Some(file) = &files.environment {
-        scene.environment = Some(file.decode(args.env_rotate, args.env_strength)?);
+        scene.environment = Some(file.decode(request.env_rotate, request.env_strength)?);
     }
-    let name = args.scene.display();
+    let name = request.scene.display();
     if !scene.instances.iter().any(|instance| scene.triangles(instance.object) > 0) {
         warn!("{name} has no triangle to show (`bismar inspect` lists its contents)");
     }
-    if args.no_env {
+    if request.no_env {
         if !scene.is_lit() {
             warn!("{name} has no light and --no-env removes the environment: the picture will be black");
         }
@@ -80,10 +79,10 @@ pub fn make_scene(args: &RenderArgs, files: Files) -> Result<Scene> {
         let hint = exporter_hint(generator.as_deref());
         warn!("{name} has no light: soft studio light is added (--env FILE or --sky replace it){hint}");
     }
-    if args.is_framed() {
+    if request.is_framed() {
         scene.frame();
     }
-    warn_if_far(args, &scene);
+    warn_if_far(request, &scene);
     Ok(scene)
 }
 
@@ -95,7 +94,7 @@ const FAR: f64 = 1000.0;
 const ERROR_PER_SIZE: f64 = 1.5e-6;
 
 /// Warns of a scene so far away from the origin that 32-bit coordinates cannot tell its points apart.
-fn warn_if_far(args: &RenderArgs, scene: &Scene) {
+fn warn_if_far(request: &RenderRequest, scene: &Scene) {
     let Some([low, high]) = scene.bounds() else { return };
     let [low, high] = [low, high].map(|corner| corner.as_dvec3());
     let (size, away) = ((high - low).length(), (0.5 * (low + high)).length());
@@ -108,7 +107,7 @@ fn warn_if_far(args: &RenderArgs, scene: &Scene) {
         warn!(
             "{}: the scene is {size:.3e} m large and {away:.3e} m away from the origin, too far for 32-bit coordinates: the picture \
              may be wrong {error}. Move the scene to the origin before it is exported",
-            args.scene.display()
+            request.scene.display()
         );
     }
 }

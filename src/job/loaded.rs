@@ -5,12 +5,12 @@ use std::time::Instant;
 
 use tracing::{debug, info, warn};
 
-use super::args::RenderArgs;
 use super::choose::{self, DEFAULT_SIZE};
-use super::identity::{Files, Inputs};
+use super::inputs::{Files, Inputs};
+use super::memory;
+use super::request::RenderRequest;
 use super::scene::{make_scene, scene_at_rest};
-use crate::cli::memory;
-use crate::cli::stats::Seconds;
+use super::stats::Seconds;
 use crate::integrator::PreparedScene;
 use crate::light::AreaLights;
 use crate::render::default_light::{self, OwnLight};
@@ -20,8 +20,11 @@ use crate::{Result, rays};
 
 /// A scene that is ready to render.
 pub struct Loaded {
+    /// The scene, with its rays, materials and lights.
     pub prepared: PreparedScene<'static>,
+    /// Wall seconds of reading the files.
     pub read_seconds: f64,
+    /// Wall seconds of building the acceleration structure.
     pub build_seconds: f64,
     /// Seconds from then on until all is ready.
     pub prepare_seconds: f64,
@@ -41,8 +44,8 @@ impl Loaded {
     ///
     /// # Errors
     /// Those of the import and of the build; [`Error::Interrupted`](crate::Error::Interrupted) if `building` returns false.
-    pub fn load(args: &RenderArgs, inputs: &Inputs, building: Building) -> Result<Self> {
-        Self::load_files(args, inputs, inputs.take(args)?, None, building)
+    pub fn load(request: &RenderRequest, inputs: &Inputs, building: Building) -> Result<Self> {
+        Self::load_files(request, inputs, inputs.take(request)?, None, building)
     }
 
     /// Loads one of several scenes made of the same files. `more`: others will follow. `previous`: the one before, whose
@@ -51,14 +54,14 @@ impl Loaded {
     /// # Errors
     /// Those of [`Self::load`].
     pub fn load_next(
-        args: &RenderArgs,
+        request: &RenderRequest,
         inputs: &Inputs,
         previous: Option<Arc<Self>>,
         more: bool,
         building: Building,
     ) -> Result<Self> {
-        let files = if more { inputs.lend(args) } else { inputs.take(args) }?;
-        Self::load_files(args, inputs, files, previous, building)
+        let files = if more { inputs.lend(request) } else { inputs.take(request) }?;
+        Self::load_files(request, inputs, files, previous, building)
     }
 
     /// The same scene with the camera of `--orbit`, of a job of `--cameras` or of `--camera panorama` besides the file's;
@@ -66,13 +69,13 @@ impl Loaded {
     ///
     /// # Errors
     /// Those of [`PlacedCamera::camera`](crate::scene::PlacedCamera::camera).
-    pub fn placed(&self, args: &RenderArgs) -> Result<Option<Self>> {
-        let (width, height) = args.size.map_or(DEFAULT_SIZE, |size| (size.0, size.1));
+    pub fn placed(&self, request: &RenderRequest) -> Result<Option<Self>> {
+        let (width, height) = request.size.map_or(DEFAULT_SIZE, |size| (size.0, size.1));
         let aspect = f64::from(width) / f64::from(height);
-        let camera = match (&args.placed, &args.orbit) {
+        let camera = match (&request.placed, &request.orbit) {
             (Some(placed), _) => placed.camera(aspect)?,
             (None, Some(orbit)) => orbit.camera(&self.prepared.scene, aspect),
-            (None, None) if choose::is_panorama(&self.prepared.scene.cameras, args) => {
+            (None, None) if choose::is_panorama(&self.prepared.scene.cameras, request) => {
                 choose::panorama(&self.prepared.scene)
             }
             (None, None) => return Ok(None),
@@ -82,18 +85,18 @@ impl Loaded {
     }
 
     fn load_files(
-        args: &RenderArgs,
+        request: &RenderRequest,
         inputs: &Inputs,
         files: Files,
         previous: Option<Arc<Self>>,
         building: Building,
     ) -> Result<Self> {
         let start = Instant::now();
-        let at_rest = args.selection.is_posed().then(|| Arc::clone(&files.scene));
-        let scene = Arc::new(make_scene(args, files)?);
+        let at_rest = request.selection.is_posed().then(|| Arc::clone(&files.scene));
+        let scene = Arc::new(make_scene(request, files)?);
         let read_seconds = inputs.read_seconds + start.elapsed().as_secs_f64();
-        info!("read {} in {read_seconds:.2} s", args.scene.display());
-        check_instances_memory(args, inputs, &scene)?;
+        info!("read {} in {read_seconds:.2} s", request.scene.display());
+        check_instances_memory(request, inputs, &scene)?;
         debug!(
             "{} objects, {} instances, {} triangles in memory, {} materials, {} textures, {} punctual lights, {} cameras",
             scene.objects.len(),
@@ -110,18 +113,19 @@ impl Loaded {
         {
             debug!("no geometry has moved: the acceleration structure is reused");
             let prepared = PreparedScene::after(scene, rays, Some(&previous.prepared));
-            let prepared = with_light(args, inputs, at_rest.as_deref(), prepared)?;
+            let prepared = with_light(request, inputs, at_rest.as_deref(), prepared)?;
             let prepare_seconds = built.elapsed().as_secs_f64();
             return Ok(Self { prepared, read_seconds, build_seconds: 0.0, prepare_seconds });
         }
-        let rays =
-            rays::build_watched(args.rays, Arc::clone(&scene), &|done| building(done, built.elapsed().as_secs_f64()))?;
+        let rays = rays::build_watched(request.rays, Arc::clone(&scene), &|done| {
+            building(done, built.elapsed().as_secs_f64())
+        })?;
         let build_seconds = built.elapsed().as_secs_f64();
         let backend = rays.info();
         let mebibytes = backend.memory_bytes as f64 / 2_f64.powi(20);
         info!("built {} {} ({}): {build_seconds:.2} s, {mebibytes:.1} MiB", backend.name, backend.version, backend.isa);
         let prepared = PreparedScene::after(scene, rays.into(), previous.as_ref().map(|p| &p.prepared));
-        let prepared = with_light(args, inputs, at_rest.as_deref(), prepared)?;
+        let prepared = with_light(request, inputs, at_rest.as_deref(), prepared)?;
         let prepare_seconds = built.elapsed().as_secs_f64() - build_seconds;
         debug!("prepared lights and materials: {prepare_seconds:.2} s");
         Ok(Self { prepared, read_seconds, build_seconds, prepare_seconds })
@@ -131,25 +135,25 @@ impl Loaded {
 /// Adds the default light to a scene whose own light does not light what the camera sees. A first pass decides: of the scene
 /// at rest, with its camera at rest, if it is shown at a time (`at_rest` are then its files), so that all frames decide alike.
 fn with_light<'a>(
-    args: &RenderArgs,
+    request: &RenderRequest,
     inputs: &Inputs,
     at_rest: Option<&SceneFiles>,
     prepared: PreparedScene<'a>,
 ) -> Result<PreparedScene<'a>> {
-    if args.no_env || !default_light::is_in_question(&prepared.scene) {
+    if request.no_env || !default_light::is_in_question(&prepared.scene) {
         return Ok(prepared);
     }
     let start = Instant::now();
     let measured = |prepared: &PreparedScene| {
-        let camera = choose::camera_of_file(&prepared.scene.cameras, args)?;
-        Ok(default_light::own_light(prepared, camera, args.back_faces))
+        let camera = choose::camera_of_file(&prepared.scene.cameras, request)?;
+        Ok(default_light::own_light(prepared, camera, request.settings.back_faces))
     };
-    let found = inputs.own_light(args, || match at_rest {
+    let found = inputs.own_light(request, || match at_rest {
         None => measured(&prepared),
-        Some(files) => measured(&PreparedScene::build(Arc::new(scene_at_rest(args, files)?), args.rays)?),
+        Some(files) => measured(&PreparedScene::build(Arc::new(scene_at_rest(request, files)?), request.rays)?),
     })?;
     let OwnLight { surfaces, lit, .. } = found;
-    let name = args.scene.display();
+    let name = request.scene.display();
     let text = format!("{name}: its own light reaches {lit} of {surfaces} pixels of its surfaces, by a first pass");
     if found.is_enough() {
         info!("{text} ({:.3} s): no light is added", start.elapsed().as_secs_f64());
@@ -161,13 +165,14 @@ fn with_light<'a>(
 
 /// Fails if instances, area lights and motion need more memory than allowed, as counted once the scene is read: the number of
 /// times at which motion is kept may have been chosen by its curvature.
-fn check_instances_memory(args: &RenderArgs, inputs: &Inputs, scene: &Scene) -> Result<()> {
+fn check_instances_memory(request: &RenderRequest, inputs: &Inputs, scene: &Scene) -> Result<()> {
     let (lights, instances) = (AreaLights::count(scene), scene.instances.len() as u64);
     let deforming: usize = scene.meshes.iter().filter_map(|mesh| mesh.motion.as_ref()).map(Deformation::bytes).sum();
     let moving = scene.instances.iter().filter_map(|instance| instance.motion.as_ref());
     let keys: usize = moving.map(|motion| motion.keys().len()).sum();
     let placed = memory::placed_bytes(instances, keys as u64, lights) + deforming as u64;
-    let what = format!("{} with {instances} instances and {lights} emissive triangles in them", args.scene.display());
+    let what =
+        format!("{} with {instances} instances and {lights} emissive triangles in them", request.scene.display());
     let bytes = memory::at_rest(rayon::current_num_threads()) + inputs.scene.image_bytes + placed;
-    memory::check(&what, bytes, memory::limit(args.memory_limit)?)
+    memory::check(&what, bytes, memory::limit(request.memory_limit)?)
 }

@@ -5,8 +5,8 @@ use std::io::Read;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
-use super::args::RenderArgs;
-use crate::cli::memory;
+use super::memory;
+use super::request::RenderRequest;
 use crate::console::Paths;
 use crate::render::default_light::OwnLight;
 use crate::render::identity::{EnvironmentSource, scene_text};
@@ -32,7 +32,9 @@ pub struct Inputs {
 /// The files of a scene and of its environment.
 #[derive(Debug, Clone)]
 pub struct Files {
+    /// Those of the scene.
     pub scene: Arc<SceneFiles>,
+    /// The environment map, if there is one.
     pub environment: Option<Arc<EnvironmentFile>>,
 }
 
@@ -41,28 +43,28 @@ impl Inputs {
     ///
     /// # Errors
     /// Those of [`SceneFiles::open`] and [`EnvironmentFile::open`].
-    pub fn read(args: &RenderArgs) -> Result<Self> {
-        Self::of(args, || SceneFiles::open(&args.scene))
+    pub fn read(request: &RenderRequest) -> Result<Self> {
+        Self::of(request, || SceneFiles::open(&request.scene))
     }
 
     /// The same with a scene that is read from a pipe.
     ///
     /// # Errors
     /// Those of [`SceneFiles::read_glb`], [`EnvironmentFile::open`] and [`memory::limit`].
-    pub fn read_pipe(args: &RenderArgs, pipe: &mut dyn Read) -> Result<Self> {
-        Self::of(args, || SceneFiles::read_glb(pipe, memory::limit(args.memory_limit)?.0))
+    pub fn read_pipe(request: &RenderRequest, pipe: &mut dyn Read) -> Result<Self> {
+        Self::of(request, || SceneFiles::read_glb(pipe, memory::limit(request.memory_limit)?.0))
     }
 
-    fn of(args: &RenderArgs, open: impl FnOnce() -> Result<SceneFiles>) -> Result<Self> {
+    fn of(request: &RenderRequest, open: impl FnOnce() -> Result<SceneFiles>) -> Result<Self> {
         let start = Instant::now();
-        let environment_file = args.env.as_deref().map(EnvironmentFile::open).transpose()?;
+        let environment_file = request.env.as_deref().map(EnvironmentFile::open).transpose()?;
         let scene_files = open()?;
         let scene = scene_files.survey();
-        let (degrees, strength) = (args.env_rotate, args.env_strength);
+        let (degrees, strength) = (request.env_rotate, request.env_strength);
         let source = match &environment_file {
             Some(file) => EnvironmentSource::File { hash: file.hash(), degrees, strength },
-            None if args.no_env => EnvironmentSource::Off,
-            None if args.sky => EnvironmentSource::White { strength },
+            None if request.no_env => EnvironmentSource::Off,
+            None if request.sky => EnvironmentSource::White { strength },
             None if scene.has_lights => EnvironmentSource::Judged,
             None => EnvironmentSource::Scene,
         };
@@ -85,8 +87,8 @@ impl Inputs {
     ///
     /// # Errors
     /// Those of [`Inputs::take`].
-    pub fn lend(&self, args: &RenderArgs) -> Result<Files> {
-        let files = self.take(args)?;
+    pub fn lend(&self, request: &RenderRequest) -> Result<Files> {
+        let files = self.take(request)?;
         *self.files.lock().unwrap_or_else(PoisonError::into_inner) = Some(files.clone());
         Ok(files)
     }
@@ -95,16 +97,16 @@ impl Inputs {
     ///
     /// # Errors
     /// Those of [`Inputs::read`]; [`Error::Data`] if the files have changed.
-    pub fn take(&self, args: &RenderArgs) -> Result<Files> {
+    pub fn take(&self, request: &RenderRequest) -> Result<Files> {
         let take = |inputs: &Self| inputs.files.lock().unwrap_or_else(PoisonError::into_inner).take();
         if let Some(files) = take(self) {
             return Ok(files);
         }
-        let again = Self::read(args)?;
+        let again = Self::read(request)?;
         take(&again)
             .filter(|_| (&again.scene.hash, &again.environment.0) == (&self.scene.hash, &self.environment.0))
             .ok_or_else(|| {
-                Error::Data(format!("{}: has changed since the command began; run it again", args.scene.display()))
+                Error::Data(format!("{}: has changed since the command began; run it again", request.scene.display()))
             })
     }
 
@@ -112,9 +114,15 @@ impl Inputs {
     ///
     /// # Errors
     /// Those of `measure`.
-    pub fn own_light(&self, args: &RenderArgs, measure: impl FnOnce() -> Result<OwnLight>) -> Result<OwnLight> {
-        let selection = args.selection.at_rest();
-        let key = format!("{:?} {} {:?} {:?}", args.camera, selection.name(), args.light_unit, args.back_faces);
+    pub fn own_light(&self, request: &RenderRequest, measure: impl FnOnce() -> Result<OwnLight>) -> Result<OwnLight> {
+        let selection = request.selection.at_rest();
+        let key = format!(
+            "{:?} {} {:?} {:?}",
+            request.camera,
+            selection.name(),
+            request.light_unit,
+            request.settings.back_faces
+        );
         let known = || self.own_light.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(found) = known().get(&key) {
             return Ok(*found);
@@ -125,8 +133,8 @@ impl Inputs {
     }
 
     /// Identity of a render with these settings: what its pixels depend on.
-    pub fn identity(&self, args: &RenderArgs, settings: &RenderSettings) -> Identity {
-        let scene = scene_text(&self.scene.hash, &(args.import_choices() + &args.view_text()));
-        Identity::new(&scene, &self.environment.0, args.rays, settings)
+    pub fn identity(&self, request: &RenderRequest, settings: &RenderSettings) -> Identity {
+        let scene = scene_text(&self.scene.hash, &(request.import_choices() + &request.view_text()));
+        Identity::new(&scene, &self.environment.0, request.rays, settings)
     }
 }

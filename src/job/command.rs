@@ -3,11 +3,10 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use clap::{Args, Command};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::args::RenderArgs;
+use super::request::RenderRequest;
 use crate::Result;
 use crate::film::exr_file::Header;
 use crate::render::checkpoint::{json, text};
@@ -43,27 +42,27 @@ pub struct PictureCommand {
 
 impl PictureCommand {
     /// The command of these arguments; `None` if their flags are not known, or paths are not UTF-8.
-    fn of(args: &RenderArgs) -> Option<Self> {
-        let given = args.given.as_ref()?.iter().filter(|(name, _)| OF_THE_PICTURE.contains(&name.as_str()));
+    fn of(request: &RenderRequest) -> Option<Self> {
+        let given = request.given.as_ref()?.iter().filter(|(name, _)| OF_THE_PICTURE.contains(&name.as_str()));
         let value = |text: &String| match text.parse::<serde_json::Number>() {
             Ok(number) if number.to_string() == *text => Value::Number(number),
             _ => Value::String(text.clone()),
         };
         let fields = given.map(|(name, text)| (name.clone(), text.as_ref().map_or(Value::Bool(true), value))).collect();
-        let shared = |path: &Path| shared(path, args.relative_to.as_deref());
-        let env = args.env.as_deref().map(shared);
+        let shared = |path: &Path| shared(path, request.relative_to.as_deref());
+        let env = request.env.as_deref().map(shared);
         if env == Some(None) {
             return None;
         }
-        Some(Self { scene: shared(&args.scene)?, env: env.flatten(), fields, flags: Vec::new() })
+        Some(Self { scene: shared(&request.scene)?, env: env.flatten(), fields, flags: Vec::new() })
     }
 
     /// Adds the attribute to a header.
     ///
     /// # Errors
     /// Those of [`json`].
-    pub fn write(args: &RenderArgs, header: &mut Header) -> Result<()> {
-        if let Some(command) = Self::of(args) {
+    pub fn write(request: &RenderRequest, header: &mut Header) -> Result<()> {
+        if let Some(command) = Self::of(request) {
             header.push((ATTRIBUTE.into(), json(&command)?));
         }
         Ok(())
@@ -76,12 +75,12 @@ impl PictureCommand {
 }
 
 impl PictureCommand {
-    /// The fields as flags of a job; a name that is no field of this version is an error.
-    /// What does not decide what is in the picture is left out.
+    /// The fields as flags of a job; a name that `is_known` denies is an error. What does not decide what is in the picture is
+    /// left out.
     ///
     /// # Errors
     /// The name.
-    pub fn flags(&self) -> std::result::Result<Vec<(String, Option<String>)>, String> {
+    pub fn flags(&self, is_known: impl Fn(&str) -> bool) -> std::result::Result<Vec<(String, Option<String>)>, String> {
         let text = |value: &Value| match value {
             Value::Bool(_) => None,
             Value::String(text) => Some(text.clone()),
@@ -89,8 +88,6 @@ impl PictureCommand {
         };
         let fields = self.fields.iter().map(|(name, value)| (name.clone(), text(value)));
         let all: Vec<_> = fields.chain(self.flags.iter().cloned()).collect();
-        let known = RenderArgs::augment_args(Command::new("render"));
-        let is_known = |name: &str| known.get_arguments().any(|arg| arg.get_long() == Some(name));
         match all.iter().find(|(name, _)| !is_known(name)) {
             Some((name, _)) => Err(name.clone()),
             None => Ok(all.into_iter().filter(|(name, _)| OF_THE_PICTURE.contains(&name.as_str())).collect()),

@@ -7,31 +7,21 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::Duration;
 
-use clap::Args;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGUSR1};
 
-use crate::console::Verdict;
 use crate::console::child::this_program;
 use crate::film::denoise::{Denoiser, NoisyPicture};
 use crate::{Error, Result};
 
-/// Denoise a picture on standard input; started by `bismar render`.
-#[derive(Debug, Args)]
-pub struct DenoiseWorkerArgs {
-    /// Width in pixels.
-    width: usize,
-    /// Height in pixels.
-    height: usize,
-}
-
-/// Reads radiance, albedo and normals (32-bit floats, little-endian) and writes the denoised radiance.
+/// Denoises a picture of so many pixels in a process of its own: reads radiance, albedo and normals from standard input
+/// (32-bit floats, little-endian) and writes the denoised radiance.
 ///
 /// # Errors
 /// Those of the denoiser, and of standard input and output.
-pub fn work(args: &DenoiseWorkerArgs) -> Result<Verdict> {
-    let pixels = args.width.checked_mul(args.height).ok_or_else(|| Error::Usage("too many pixels".into()))?;
+pub fn work(width: usize, height: usize) -> Result<()> {
+    let pixels = width.checked_mul(height).ok_or_else(|| Error::Usage("too many pixels".into()))?;
     let failed = |e: io::Error| Error::Io(format!("a pipe of `bismar render`: {e}"));
-    let mut picture = NoisyPicture { width: args.width, ..Default::default() };
+    let mut picture = NoisyPicture { width, ..Default::default() };
     let mut input = io::stdin().lock();
     for image in &mut picture.images {
         *image = read_image(&mut input, pixels).map_err(failed)?;
@@ -39,7 +29,7 @@ pub fn work(args: &DenoiseWorkerArgs) -> Result<Verdict> {
     let denoised = picture.denoised(&Denoiser::load()?)?;
     let mut output = io::stdout().lock();
     write_image(&mut output, &denoised).and_then(|()| output.flush()).map_err(failed)?;
-    Ok(Verdict::Done)
+    Ok(())
 }
 
 fn write_image(to: &mut impl Write, image: &[[f32; 3]]) -> io::Result<()> {

@@ -4,8 +4,8 @@ use std::path::Path;
 
 use tracing::warn;
 
-use super::args::RenderArgs;
-use super::values::LightUnit;
+use super::request::LightUnit;
+use super::request::RenderRequest;
 use crate::color::luminance;
 use crate::integrator::PreparedScene;
 use crate::rays::BackendInfo;
@@ -56,24 +56,24 @@ pub fn resumed_differently(
 const WIDE: f32 = 0.25;
 
 /// Warns of a lens that is wide for the scene before it, as in scenes whose unit is not the metre.
-pub fn wide_lens(args: &RenderArgs, radius: f32, focus: f32) {
+pub fn wide_lens(request: &RenderRequest, radius: f32, focus: f32) {
     if radius > WIDE * focus {
         warn!(
             "{}: the lens has a radius of {radius:.2e} m and is focused at {focus:.2e} m. Is the scene's unit the metre? --aperture \
              takes a radius in the scene's own unit",
-            args.scene.display()
+            request.scene.display()
         );
     }
 }
 
 /// Warns of a camera whose far clipping plane hides much of what is in its view.
-pub fn clipped(args: &RenderArgs, scene: &PreparedScene, camera: usize) {
+pub fn clipped(request: &RenderRequest, scene: &PreparedScene, camera: usize) {
     let camera = &scene.scene.cameras[camera];
     let share = hidden_share(scene, camera);
     if share > TOLD {
         warn!(
             "{}: zfar of camera '{}' hides {:.0} % of what is in view; --no-clip shows it",
-            args.scene.display(),
+            request.scene.display(),
             camera.name,
             100.0 * share
         );

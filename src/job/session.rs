@@ -7,15 +7,15 @@ use std::time::Instant;
 
 use tracing::{info, warn};
 
-use super::args::RenderArgs;
 use super::checkpoints::Checkpoints;
 use super::choose::{settings, size_of_aspect};
-use super::identity::Inputs;
+use super::inputs::Inputs;
 use super::loaded::Loaded;
+use super::memory::{self, Need};
 use super::output::{OutputWriter, develop_file, preview_mark};
+use super::request::RenderRequest;
+use super::stats::{self, Stats};
 use super::warnings;
-use crate::cli::memory::{self, Need};
-use crate::cli::stats::{self, Stats};
 use crate::console::tev::Tev;
 use crate::film::{exr_file, preview};
 use crate::render::camera::lens;
@@ -56,9 +56,9 @@ impl Display for Done {
 /// A render command with its inputs.
 #[derive(Clone, Copy)]
 pub struct Session<'a> {
-    /// Flags of the command.
-    pub args: &'a RenderArgs,
-    /// Files that the flags name.
+    /// What is asked for.
+    pub request: &'a RenderRequest,
+    /// Files that it names.
     pub inputs: &'a Inputs,
     /// Number of render threads.
     pub threads: usize,
@@ -76,14 +76,14 @@ impl Session<'_> {
     /// # Errors
     /// Those of [`Earlier::read`] and, unless [`Self::replaces`], of [`Earlier::verify`].
     pub fn finished_before(&self) -> Result<Option<Earlier>> {
-        let output = self.args.output();
-        if !self.args.resume {
+        let output = &self.request.output;
+        if !self.request.resume {
             return Ok(None);
         }
-        let Some(earlier) = Earlier::read(&output)? else { return Ok(None) };
-        let settings = self.args.settings();
-        let answers = earlier.record.matches(&self.inputs.identity(self.args, &settings), &self.args.requested());
-        if !answers || !self.is_done(&earlier, &settings) {
+        let Some(earlier) = Earlier::read(output)? else { return Ok(None) };
+        let settings = &self.request.settings;
+        let answers = earlier.record.matches(&self.inputs.identity(self.request, settings), &self.request.requested());
+        if !answers || !self.is_done(&earlier, settings) {
             return Ok(None);
         }
         match earlier.verify() {
@@ -101,24 +101,24 @@ impl Session<'_> {
     /// # Errors
     /// Those of reading the EXR and of writing the PNG and the statistics.
     pub fn develop(&self, earlier: &Earlier) -> Result<Done> {
-        let (args, output, record) = (self.args, self.args.output(), &earlier.record);
-        if let Some(path) = &args.stats {
+        let (request, output, record) = (self.request, self.request.output.clone(), &earlier.record);
+        if let Some(path) = &request.stats {
             stats::write_again(path, &earlier.header, &exr_file::checksum(&output)?)?;
         }
-        let mark = preview_mark(args, self.inputs, record.stats.paths);
-        let Some(png) = args.preview.as_ref().filter(|png| preview::mark(png).as_ref() != Some(&mark)) else {
+        let mark = preview_mark(request, self.inputs, record.stats.paths);
+        let Some(png) = request.preview.as_ref().filter(|png| preview::mark(png).as_ref() != Some(&mark)) else {
             return Ok(Done::Before(output, record.spp(), None));
         };
-        let exposure = develop_file(args, png, record.background, &mark)?;
+        let exposure = develop_file(request, png, record.background, &mark)?;
         Ok(Done::Before(output, record.spp(), Some(exposure)))
     }
 
     /// Whether the picture meets the command's stop rule and its other requests.
     fn is_done(&self, earlier: &Earlier, settings: &RenderSettings) -> bool {
-        let (args, record) = (self.args, &earlier.record);
+        let (request, record) = (self.request, &earlier.record);
         // Statistics can be written from the header, except for pictures whose header has none.
-        let has_stats = args.stats.as_ref().is_none_or(|path| stats::are_in(&earlier.header) || path.exists());
-        let is_resumable = args.checkpoint.is_none() || record.resumable;
+        let has_stats = request.stats.as_ref().is_none_or(|path| stats::are_in(&earlier.header) || path.exists());
+        let is_resumable = request.checkpoint.is_none() || record.resumable;
         has_stats && is_resumable && record.is_done(settings)
     }
 
@@ -127,33 +127,32 @@ impl Session<'_> {
     /// # Errors
     /// [`Error::Host`] if the render needs more.
     pub fn check_memory(&self) -> Result<memory::Limit> {
-        let (args, scene) = (self.args, &self.inputs.scene);
-        let (width, height) = args.size.map_or_else(|| self.size_by_camera(), |s| (s.0, s.1));
-        let whole = [0, 0, width, height];
-        let window = args.crop.map_or(whole, |crop| crop.inside(width, height).unwrap_or_default());
-        let [columns, rows] = [window[2] - window[0], window[3] - window[1]].map(u64::from);
-        let window_pixels = columns * rows;
+        let (request, scene) = (self.request, &self.inputs.scene);
+        let (width, height) = request.size.map_or_else(|| self.size_by_camera(), |s| (s.0, s.1));
+        let settings = RenderSettings { width, height, ..request.settings.clone() };
+        let [x0, y0, x1, y1] = settings.window().map(u64::from);
+        // A window that is not inside the picture is an error once the camera is known.
+        let window_pixels = if x1 <= width.into() && y1 <= height.into() { (x1 - x0) * (y1 - y0) } else { 0 };
         // Parts differ by at most one tile.
-        let pixels = match args.part() {
+        let pixels = match request.settings.part {
             Some(part) => window_pixels.div_ceil(part.of.into()) + u64::from(TILE * TILE),
             None => window_pixels,
         };
-        let settings = RenderSettings { width, height, ..args.settings() };
         let need = Need {
             scene,
             environment: self.inputs.environment.1,
             settings: &settings,
             pixels,
             window_pixels,
-            saves: args.checkpoint.is_some() || args.part().is_some(),
-            denoises: args.denoise.is_some(),
-            rays: args.rays,
+            saves: request.checkpoint.is_some() || request.settings.part.is_some(),
+            denoises: request.denoise.is_some(),
+            rays: request.rays,
             threads: self.threads,
         };
-        let limit = memory::limit(args.memory_limit)?;
+        let limit = memory::limit(request.memory_limit)?;
         info!("needs about {} MiB of memory; {} allows {}", need.bytes().div_ceil(1 << 20), limit.1, limit.0 >> 20);
         let (instances, lights) = (scene.census.instances, scene.census.emissive_triangles);
-        let mut what = args.scene.display().to_string();
+        let mut what = request.scene.display().to_string();
         if instances.max(lights) > MANY {
             what += &format!(" with {instances} instances and {lights} emissive triangles in them");
         }
@@ -163,7 +162,7 @@ impl Session<'_> {
     /// Resolution of a picture without `--size`, by the document's cameras.
     fn size_by_camera(&self) -> (u32, u32) {
         let cameras = &self.inputs.scene.census.cameras;
-        let chosen = match self.args.camera.as_deref() {
+        let chosen = match self.request.camera.as_deref() {
             None => cameras.first(),
             Some(wanted) => {
                 let by_index = || cameras.get(wanted.parse::<usize>().ok()?);
@@ -187,23 +186,23 @@ impl Session<'_> {
         progress: &(dyn Fn(Progress) + Sync),
         rendering_ends: &dyn Fn(bool),
     ) -> Result<Done> {
-        let args = self.args;
-        let output = args.output();
-        let placed = loaded.placed(args)?;
+        let request = self.request;
+        let output = &request.output;
+        let placed = loaded.placed(request)?;
         let loaded = placed.as_ref().unwrap_or(loaded);
-        let settings = settings(args, &loaded.prepared.scene)?;
+        let settings = settings(request, &loaded.prepared.scene)?;
         if let Some(lens) = lens(&loaded.prepared, &settings)? {
-            warnings::wide_lens(args, lens.radius, lens.focus);
+            warnings::wide_lens(request, lens.radius, lens.focus);
         }
         if settings.clip {
-            warnings::clipped(args, &loaded.prepared, settings.camera);
+            warnings::clipped(request, &loaded.prepared, settings.camera);
         }
-        let identity = self.inputs.identity(args, &settings);
+        let identity = self.inputs.identity(request, &settings);
         let (resumed, was_resumable) = self.resume(&identity, loaded)?.unzip();
-        let resumable = was_resumable == Some(true) || args.checkpoint.is_some();
+        let resumable = was_resumable == Some(true) || request.checkpoint.is_some();
         let paths_before = resumed.as_ref().map_or(0, |saved| saved.stats.paths);
-        let writer = OutputWriter::new(args, self.inputs, loaded, self.threads, &settings, &identity, resumable)?;
-        let mut checkpoints = Checkpoints::new(&output, args.keep, args.on_checkpoint.as_deref());
+        let writer = OutputWriter::new(request, self.inputs, loaded, self.threads, &settings, &identity, resumable)?;
+        let mut checkpoints = Checkpoints::new(output, request.keep, request.on_checkpoint.as_deref());
         let rendered = {
             let mut save = |rendered: &Rendered| match writer.checkpoint(rendered) {
                 Ok(()) => {
@@ -219,9 +218,9 @@ impl Session<'_> {
                     viewer = None;
                 }
             };
-            let save = args.checkpoint.map(|seconds| Pause { seconds, at: &mut save });
+            let save = request.checkpoint.map(|seconds| Pause { seconds, at: &mut save });
             let mut pauses: Vec<Pause> = save.into_iter().collect();
-            if args.tev.is_some() {
+            if request.tev.is_some() {
                 pauses.push(Pause { seconds: VIEWER_INTERVAL_SECONDS, at: &mut show });
             }
             let options = RunOptions { began: self.began, from: resumed, pauses, ..RunOptions::new(stop, progress) };
@@ -233,24 +232,28 @@ impl Session<'_> {
         rendering_ends(!interrupted);
         self.check_paths(&rendered, paths_before)?;
         if !interrupted {
-            let lights = (!loaded.prepared.scene.lights.is_empty()).then_some(args.light_unit);
-            warnings::black_picture(&output, &rendered, args.part().is_some(), lights);
+            let lights = (!loaded.prepared.scene.lights.is_empty()).then_some(request.light_unit);
+            warnings::black_picture(output, &rendered, request.settings.part.is_some(), lights);
         }
-        let mut stats =
-            writer.write_final(&rendered, interrupted || resumable || args.part().is_some(), self.began, stop)?;
+        let mut stats = writer.write_final(
+            &rendered,
+            interrupted || resumable || request.settings.part.is_some(),
+            self.began,
+            stop,
+        )?;
         if interrupted {
             checkpoints.saved();
             return Err(self.interrupted(&rendered));
         }
-        stats.has_preview = args.preview.is_some();
-        warnings::empty_pixels(&output, &rendered);
-        Ok(Done::Rendered(args.output(), Box::new(stats)))
+        stats.has_preview = request.preview.is_some();
+        warnings::empty_pixels(output, &rendered);
+        Ok(Done::Rendered(output.clone(), Box::new(stats)))
     }
 
     /// The connection to tev, if there is one.
     fn viewer(&self, settings: &RenderSettings) -> Option<Tev> {
-        let address = self.args.tev.as_ref()?;
-        let name = self.args.output().display().to_string();
+        let address = self.request.tev.as_ref()?;
+        let name = self.request.output.display().to_string();
         let viewer = Tev::open(address, &name, settings.window());
         viewer.inspect_err(|e| warn!("{e}; rendering continues without the viewer")).ok()
     }
@@ -258,8 +261,7 @@ impl Session<'_> {
     /// Fails for a render without paths, and for an interrupted one without new paths.
     fn check_paths(&self, rendered: &Rendered, paths_before: u64) -> Result<()> {
         let interrupted = rendered.stop == StopReason::Interrupted;
-        let output = self.args.output();
-        let output = output.display();
+        let output = self.request.output.display();
         match (rendered.paths_range(), interrupted) {
             ((_, 0), true) => {
                 Err(Error::Interrupted(format!("interrupted before the first path: {output} is not written")))
@@ -279,7 +281,7 @@ impl Session<'_> {
         let (fewest, most) = rendered.paths_range();
         let spp = if fewest == most { fewest.to_string() } else { format!("{fewest} to {most}") };
         let again = if self.replaces { "the same command" } else { "the same command with --resume" };
-        let output = self.args.output();
+        let output = &self.request.output;
         Error::Interrupted(format!(
             "interrupted: {} is saved with {spp} paths per pixel; {again} continues from there",
             output.display()
@@ -288,8 +290,8 @@ impl Session<'_> {
 
     /// With `--resume`, the state that the output file holds, and whether the finished picture shall hold it too.
     fn resume(&self, identity: &Identity, loaded: &Loaded) -> Result<Option<(Saved, bool)>> {
-        let output = self.args.output();
-        let earlier = if self.args.resume { Earlier::read(&output)? } else { None };
+        let output = &self.request.output;
+        let earlier = if self.request.resume { Earlier::read(output)? } else { None };
         let Some(earlier) = earlier else { return Ok(None) };
         let saved = match earlier.saved(identity) {
             Err(Error::Data(why)) if self.replaces => {
@@ -298,13 +300,7 @@ impl Session<'_> {
             }
             other => other?,
         };
-        warnings::resumed_differently(
-            &output,
-            &earlier.record,
-            &saved,
-            loaded.prepared.rays.info(),
-            &identity.settings,
-        );
+        warnings::resumed_differently(output, &earlier.record, &saved, loaded.prepared.rays.info(), &identity.settings);
         info!("continuing {} with {} paths", output.display(), saved.stats.paths);
         Ok(Some((saved, earlier.record.resumable)))
     }

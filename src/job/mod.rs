@@ -1,0 +1,31 @@
+//! A render of one picture, from its request to its files: what is asked for, the input files, the scene in memory, the session
+//! that renders it (new or resumed), its outputs and its warnings. The command line, batches, farms and the Python package all
+//! make a [`RenderRequest`] and hand it over.
+
+mod checkpoints;
+mod choose;
+mod command;
+mod denoise;
+mod in_memory;
+mod inputs;
+mod loaded;
+pub mod memory;
+mod names;
+mod output;
+mod request;
+mod scene;
+mod selection;
+mod session;
+pub mod stats;
+mod warnings;
+
+pub use choose::{settings, size};
+pub use command::PictureCommand;
+pub use denoise::work as denoise;
+pub use in_memory::{CameraInfo, Heuristic, LoadedScene, PixelMoments, RenderedPicture, Values, compare};
+pub use inputs::{Files, Inputs};
+pub use loaded::{Building, Loaded};
+pub use output::{OutputWriter, preview_mark};
+pub use request::{LightUnit, RenderRequest, claim_output};
+pub use selection::SceneSelection;
+pub use session::{Done, Session};
