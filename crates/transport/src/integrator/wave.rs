@@ -44,10 +44,10 @@ impl Wave {
         while at.depth < transport.longest_path() && rays.len > 0 {
             trace(&at, rays, hits, counts);
             through.resolve(&at, rays, hits, light, clients);
-            sort::sort(transport, at.depth, through.history(rays), hits, sorted);
+            sort::sort(transport, at.depth, rays, hits, sorted);
             media::attenuate(transport, at.depth, rays, hits);
             through.visible_emission(&at, sorted, light, clients, counts);
-            emission::add(&at, through.history(rays), sorted, rays, hits, found, light, clients);
+            emission::add(&at, sorted, rays, hits, found, light, clients);
             surfaces::vertices(transport, sorted, rays, hits, vertices);
             through.mark(transport, vertices);
             mixture::find_cells(transport, vertices);

@@ -1,5 +1,6 @@
 //! The queues between stages, as structure of arrays: path rays, sorted hits, shadow rays.
 
+use super::history::RayHistory;
 use crate::lanes::{F, Survivors, U, V3, V3Column, grow, store, store_bits};
 use crate::rays::RayBatch;
 
@@ -26,6 +27,8 @@ pub struct PathRays {
     pub light_probability: Vec<f32>,
     /// Camera rays that have passed a thin wall; empty for others and in scenes without thin walls.
     pub passed_wall: Vec<bool>,
+    /// What the paths have met before, by row; empty where nothing depends on it.
+    pub history: Vec<RayHistory>,
     /// Number in the wave of the ray of row 0. Rays are numbered in the order in which the wave generates them.
     pub first: u32,
     /// Number of valid rows.
@@ -78,6 +81,12 @@ impl PathRays {
     /// Ends filling: truncates the rays to the valid rows.
     pub fn close(&mut self) {
         self.rays.close(self.len);
+    }
+
+    /// What the path has met before a ray; that of no ray where nothing depends on it.
+    #[inline]
+    pub fn history(&self, row: usize) -> RayHistory {
+        self.history.get(row).copied().unwrap_or_default()
     }
 
     /// Number in the wave of the first ray after these.

@@ -3,7 +3,6 @@
 use glam::Vec3;
 
 use crate::integrator::data::context::WaveContext;
-use crate::integrator::data::history::RayHistory;
 use crate::integrator::data::path_states::{NonFiniteSamples, PathLight, clamp_contribution};
 use crate::integrator::data::queues::{LightKind, PathRays, SortedHits};
 use crate::integrator::events::{FoundEmission, PathEvents};
@@ -11,11 +10,9 @@ use crate::integrator::stages::eight_of;
 use crate::lanes::LANES;
 use crate::rays::HitBatch;
 
-/// Adds the emission that rays found to the radiance of their paths. `history` is empty where nothing depends on it; `found` is
-/// scratch space.
+/// Adds the emission that rays found to the radiance of their paths. `found` is scratch space.
 pub fn add<E: PathEvents>(
     at: &WaveContext,
-    history: &[RayHistory],
     sorted: &SortedHits,
     rays: &PathRays,
     hits: &HitBatch,
@@ -24,8 +21,8 @@ pub fn add<E: PathEvents>(
     events: &mut E,
 ) {
     found.clear();
-    emissive_surfaces(at, history, &sorted.emissive, rays, hits, &mut light.non_finite, found);
-    environment(at, history, &sorted.escaped, rays, &mut light.non_finite, found);
+    emissive_surfaces(at, &sorted.emissive, rays, hits, &mut light.non_finite, found);
+    environment(at, &sorted.escaped, rays, &mut light.non_finite, found);
     for found in found {
         light.radiance[rays.path[found.ray as usize] as usize] += found.radiance;
         events.emission(at, rays, found);
@@ -36,7 +33,6 @@ pub fn add<E: PathEvents>(
 #[inline(never)]
 fn emissive_surfaces(
     at: &WaveContext,
-    history: &[RayHistory],
     emissive: &[u32],
     rays: &PathRays,
     hits: &HitBatch,
@@ -45,7 +41,7 @@ fn emissive_surfaces(
 ) {
     let transport = at.transport;
     for ray in emissive.iter().map(|&ray| ray as usize) {
-        let history = history.get(ray).copied().unwrap_or_default();
+        let history = rays.history(ray);
         let point = transport.point(&rays.rays, hits, ray);
         if point.material.unlit {
             // It is seen, but gives no light.
@@ -78,7 +74,6 @@ fn emissive_surfaces(
 #[inline(never)]
 fn environment(
     at: &WaveContext,
-    history: &[RayHistory],
     escaped: &[u32],
     rays: &PathRays,
     non_finite: &mut NonFiniteSamples,
@@ -94,7 +89,7 @@ fn environment(
         let (rows, n) = eight_of(escaped, first);
         let (radiance, pdf) = transport.lights.environment(rays.rays.directions(&rows), &transport.proposal.lights);
         for lane in 0..n {
-            if history.get(escaped[first + lane] as usize).is_some_and(|history| history.is_refracted()) {
+            if rays.history(escaped[first + lane] as usize).is_refracted() {
                 continue;
             }
             if hidden && !rays.passed_wall[escaped[first + lane] as usize] {

@@ -4,7 +4,6 @@
 
 use glam::Vec3;
 
-use crate::integrator::data::history::RayHistory;
 use crate::integrator::data::queues::PathRays;
 use crate::integrator::data::transport::Transport;
 use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
@@ -41,12 +40,11 @@ pub fn beyond(t: f32) -> f32 {
 
 impl BackFaces {
     /// Replaces the hits of some rows of `rays` on culled faces by those behind them. A ray that has passed a face has a `tnear`
-    /// above zero. `history` is that of `rays`.
+    /// above zero.
     #[inline(never)]
     pub fn pass(
         &mut self,
         transport: &Transport,
-        history: &[RayHistory],
         rows: impl Iterator<Item = u32>,
         rays: &mut PathRays,
         hits: &mut HitBatch,
@@ -56,7 +54,7 @@ impl BackFaces {
         }
         self.culled.clear();
         for row in rows.map(|row| row as usize) {
-            let culled = history[row].is_mirror_image()
+            let culled = rays.history(row).is_mirror_image()
                 && is_culled(transport, hits.primitive(row), || rays.rays.direction(row), || rays.rays.time(row));
             if culled {
                 self.culled.push(row as u32);

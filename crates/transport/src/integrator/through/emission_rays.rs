@@ -114,7 +114,7 @@ impl EmissionRays {
             }
         }
         media::attenuate(transport, at.depth, rays, hits);
-        emission::add(at, &[], sorted, rays, hits, found, light, clients);
+        emission::add(at, sorted, rays, hits, found, light, clients);
         rays.open(at.paths.len(), transport.geometry.moves, 0);
     }
 }

@@ -14,7 +14,6 @@ use glam::Vec3;
 use super::thin_walls::{ThinWalls, is_wall};
 use crate::integrator::data::context::WaveContext;
 use crate::integrator::data::dimensions::MAX_WALLS;
-use crate::integrator::data::history::RayHistory;
 use crate::integrator::data::path_states::PathLight;
 use crate::integrator::data::queues::{PathRays, SortedHits};
 use crate::integrator::data::transport::Transport;
@@ -38,11 +37,10 @@ pub struct GlassShadows {
 
 impl GlassShadows {
     /// Adds the light straight behind bodies that rays in rough directions hit. Their own light is left out by
-    /// [`RayHistory::is_refracted`].
+    /// [`RayHistory::is_refracted`](crate::integrator::data::history::RayHistory::is_refracted).
     pub fn find<E: PathEvents>(
         &mut self,
         at: &WaveContext,
-        history: &[RayHistory],
         rays: &mut PathRays,
         hits: &HitBatch,
         light: &mut PathLight,
@@ -52,7 +50,7 @@ impl GlassShadows {
         if at.depth == 0 || !transport.passes_bodies() {
             return;
         }
-        let is_rough = |row: usize| history[row].is_rough();
+        let is_rough = |row: usize| rays.history[row].is_rough();
         self.hits.copy_from(hits);
         self.beta.copy_from(&rays.beta);
         let medium = transport.materials.absorbs().then(|| &rays.medium[..rays.len]);
@@ -75,7 +73,7 @@ impl GlassShadows {
                     self.sorted.emissive.push(row as u32);
                 }
             }
-            emission::add(at, history, &self.sorted, rays, &self.hits, &mut self.found, light, clients);
+            emission::add(at, &self.sorted, rays, &self.hits, &mut self.found, light, clients);
             self.before.drain(..).for_each(|(row, beta)| rays.beta.set(row, beta));
         }
         std::mem::swap(&mut rays.beta, &mut self.beta);

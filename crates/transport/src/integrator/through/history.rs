@@ -19,9 +19,12 @@ pub struct Histories {
 }
 
 impl Histories {
-    /// Those of a batch of rays; empty where nothing asks.
-    pub fn of(&self, rays: &PathRays) -> &[RayHistory] {
-        if self.by_ray.is_empty() { &[] } else { &self.by_ray[rays.first as usize..][..rays.len] }
+    /// Fills [`PathRays::history`].
+    pub fn fill(&self, rays: &mut PathRays) {
+        rays.history.clear();
+        if !self.by_ray.is_empty() {
+            rays.history.extend_from_slice(&self.by_ray[rays.first as usize..][..rays.len]);
+        }
     }
 
     /// Fills [`Vertices::after_rough`].

@@ -10,7 +10,6 @@ pub mod thin_walls;
 
 use super::data::context::WaveContext;
 use super::data::counts::{WaveCounts, timed};
-use super::data::history::RayHistory;
 use super::data::path_states::PathLight;
 use super::data::queues::{PathRays, ShadowRays, SortedHits};
 use super::data::transport::Transport;
@@ -53,7 +52,7 @@ impl Through {
         if at.depth > 0 {
             clients.hits(at, rays, hits);
         }
-        self.glass_shadows.find(at, self.passing.histories.of(rays), rays, hits, light, clients);
+        self.glass_shadows.find(at, rays, hits, light, clients);
     }
 
     /// Adds the emission that camera rays of its own find.
@@ -68,11 +67,6 @@ impl Through {
         if at.depth == 0 {
             self.emission_rays.trace(at, sorted, &mut self.passing, light, clients, counts);
         }
-    }
-
-    /// Histories of a batch of rays; empty where nothing depends on them.
-    pub fn history(&self, rays: &PathRays) -> &[RayHistory] {
-        self.passing.histories.of(rays)
     }
 
     /// The client that keeps the histories of rays.

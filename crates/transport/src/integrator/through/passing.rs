@@ -18,15 +18,16 @@ pub struct Passing {
 }
 
 impl Passing {
-    /// Takes rays through the back faces that they pass.
+    /// Fills the histories of rays, and takes the rays through the back faces that they pass.
     pub fn pass_back_faces(&mut self, transport: &Transport, rays: &mut PathRays, hits: &mut HitBatch) {
-        self.back_faces.pass(transport, self.histories.of(rays), 0..rays.len as u32, rays, hits);
+        self.histories.fill(rays);
+        self.back_faces.pass(transport, 0..rays.len as u32, rays, hits);
     }
 
     /// Takes rays through thin walls, and through the back faces behind them.
     pub fn pass_thin_walls(&mut self, at: &WaveContext, rays: &mut PathRays, hits: &mut HitBatch) {
         if at.transport.materials.has_thin_walls {
-            self.walls.pass(at, self.histories.of(rays), rays, hits, &mut self.back_faces);
+            self.walls.pass(at, rays, hits, &mut self.back_faces);
         }
     }
 

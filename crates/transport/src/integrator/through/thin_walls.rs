@@ -10,7 +10,6 @@ use glam::Vec3;
 use crate::bsdf::{Bsdf, Lobe, Parameters};
 use crate::integrator::data::context::WaveContext;
 use crate::integrator::data::dimensions::{self, MAX_WALLS};
-use crate::integrator::data::history::RayHistory;
 use crate::integrator::data::queues::{PathRays, ShadowRays};
 use crate::integrator::data::transport::Transport;
 use crate::integrator::surface::geometry::SurfacePoint;
@@ -110,14 +109,7 @@ pub struct ThinWalls {
 impl ThinWalls {
     /// Takes the rays of paths through the walls that they pass: replaces their hits, and multiplies their throughputs.
     #[inline(never)]
-    pub fn pass(
-        &mut self,
-        at: &WaveContext,
-        history: &[RayHistory],
-        rays: &mut PathRays,
-        hits: &mut HitBatch,
-        back_faces: &mut BackFaces,
-    ) {
+    pub fn pass(&mut self, at: &WaveContext, rays: &mut PathRays, hits: &mut HitBatch, back_faces: &mut BackFaces) {
         let transport = at.transport;
         if at.depth == 0 {
             rays.passed_wall.resize(rays.len, false);
@@ -151,7 +143,7 @@ impl ThinWalls {
             }
             self.walls.truncate(passing);
             self.trace_behind(transport, &rays.rays, hits);
-            back_faces.pass(transport, history, self.walls.iter().map(|hit| hit.row), rays, hits);
+            back_faces.pass(transport, self.walls.iter().map(|hit| hit.row), rays, hits);
             self.keep_walls(transport, hits);
         }
         for row in self.walls.iter().map(|hit| hit.row as usize) {
