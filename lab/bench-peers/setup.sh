@@ -17,7 +17,7 @@ venv() { # name, package it must be able to import, list of versions and hashes
 mkdir -p "$dir"
 here=$(dirname "$0")
 venv mitsuba mitsuba "$here/mitsuba.txt"
-venv cycles bpy "$here/../../scripts/requirements/blender.txt" || say "no Cycles: bpy 5.0.1 is built for Python 3.11 alone (PYTHON=python3.11 chooses one)"
+venv cycles bpy "$here/../../scripts/requirements/blender.txt" || say "no Cycles: bpy 5.0.1 is built for Python 3.11 alone (PYTHON=python3.11 chooses one); 5.3.0, for 3.13, works too"
 
 # Mitsuba's LLVM back end crashes with the LLVM 14 that Debian 12 has as its default; 19 is beside it in both releases.
 if [ -z "${DRJIT_LIBLLVM_PATH:-}" ] && ! compgen -G "$dir/llvm/usr/lib/*/libLLVM.so.19*" >/dev/null; then

@@ -15,19 +15,9 @@ pub enum Choice {
     Auto,
 }
 
+bismar_scene::named_variants! { Choice { Off = "off", On = "on", Auto = "auto" } }
+
 impl Choice {
-    /// All of them, in the order of the command line's help.
-    pub const ALL: [Self; 3] = [Self::Off, Self::On, Self::Auto];
-
-    /// Name on the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Off => "off",
-            Self::On => "on",
-            Self::Auto => "auto",
-        }
-    }
-
     /// The default of settings that older files lack: those techniques were always chosen by a pre-pass.
     pub(super) fn auto() -> Self {
         Self::Auto

@@ -27,18 +27,7 @@ pub enum Integrator {
     Direct,
 }
 
-impl Integrator {
-    /// All of them, in the order of the command line's help.
-    pub const ALL: [Self; 2] = [Self::Path, Self::Direct];
-
-    /// Name on the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Path => "path",
-            Self::Direct => "direct",
-        }
-    }
-}
+bismar_scene::named_variants! { Integrator { Path = "path", Direct = "direct" } }
 
 /// What rays from the camera and their mirror images do at back faces of single-sided materials without transmission
 /// ([`back_faces`](crate::integrator::through::back_faces)).
@@ -52,18 +41,9 @@ pub enum BackFaces {
     Show,
 }
 
+bismar_scene::named_variants! { BackFaces { Cull = "cull", Show = "show" } }
+
 impl BackFaces {
-    /// All of them, in the order of the command line's help.
-    pub const ALL: [Self; 2] = [Self::Cull, Self::Show];
-
-    /// Name on the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Cull => "cull",
-            Self::Show => "show",
-        }
-    }
-
     /// What renders did before there was a choice.
     fn before() -> Self {
         Self::Show
@@ -85,18 +65,9 @@ pub enum GlassShadows {
     Straight,
 }
 
+bismar_scene::named_variants! { GlassShadows { Off = "off", Straight = "straight" } }
+
 impl GlassShadows {
-    /// All of them, in the order of the command line's help.
-    pub const ALL: [Self; 2] = [Self::Off, Self::Straight];
-
-    /// Name on the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Off => "off",
-            Self::Straight => "straight",
-        }
-    }
-
     fn is_off(&self) -> bool {
         *self == Self::Off
     }
@@ -113,18 +84,7 @@ pub enum Ground {
     Shadow,
 }
 
-impl Ground {
-    /// All of them, in the order of the command line's help.
-    pub const ALL: [Self; 2] = [Self::None, Self::Shadow];
-
-    /// Name on the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::None => "none",
-            Self::Shadow => "shadow",
-        }
-    }
-}
+bismar_scene::named_variants! { Ground { None = "none", Shadow = "shadow" } }
 
 /// All that the picture's bits depend on besides the scene and the ray library, and when to stop.
 /// [`validate`](Self::validate) checks the ranges.

@@ -48,19 +48,9 @@ pub enum Preset {
     Final,
 }
 
+bismar_scene::named_variants! { Preset { Thumbnail = "thumbnail", Product = "product", Final = "final" } }
+
 impl Preset {
-    /// All of them, in the order of the help text.
-    pub const ALL: [Self; 3] = [Self::Thumbnail, Self::Product, Self::Final];
-
-    /// Name on the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Thumbnail => "thumbnail",
-            Self::Product => "product",
-            Self::Final => "final",
-        }
-    }
-
     /// The flags that it stands for.
     pub fn flags(self) -> &'static str {
         match self {

@@ -11,7 +11,6 @@ use clap::builder::PossibleValuesParser;
 
 use super::common::{PAGE, RunArgs, open, progress};
 use crate::rays::contender::ISAS;
-use crate::rays::measure::CONTROL;
 use crate::rays::{Bench, Contender, Design, Results, Shape, Subject, measure, write};
 
 /// Compare Embree and obvhs: speed on recorded rays, build time, memory, agreement of hits.
@@ -45,19 +44,6 @@ pub(super) struct RaysArgs {
     /// Paths per pixel of the compared pictures; 0 renders none [default: 4].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=1 << 16))]
     spp: Option<u32>,
-    /// Keep the recorded rays in DIR/streams.
-    #[arg(long)]
-    save_streams: bool,
-    /// Use rays saved by --save-streams instead of recording them.
-    #[arg(long, value_name = "DIR", conflicts_with = "save_streams")]
-    streams: Option<PathBuf>,
-    /// Add the rows of other results.json files, for example of another machine. Scenes that these files contain for this
-    /// machine, with all requested configurations, are not measured again: this resumes an interrupted study.
-    #[arg(long, value_name = "FILE", num_args = 1..)]
-    merge_report: Vec<PathBuf>,
-    /// Name of this machine in the report [default: its processor].
-    #[arg(long, value_name = "NAME")]
-    machine: Option<String>,
     /// Quick preset, about a minute per scene: fewer rays, rounds and configurations. Other flags override it.
     #[arg(long)]
     quick: bool,
@@ -99,29 +85,23 @@ impl RaysArgs {
                 None if quick => 2,
                 None => 4,
             },
-            save_streams: self.save_streams,
-            streams: self.streams.clone(),
-            machine: self.machine.clone(),
         })
     }
 }
 
 pub(super) fn run(args: &RaysArgs, verbosity: Verbosity) -> Result<Verdict> {
     let design = args.design()?;
-    let others = args.merge_report.iter().map(|path| Results::read(path)).collect::<Result<Vec<_>>>()?;
     let page = open(&design.folder, PAGE)?;
     let (threads, _) = host::threads(args.run.threads)?;
     let bench = Bench::new(threads)?;
     let stop = Signals::listen()?.stop;
     let reporter = args.run.reporter(verbosity);
     let start = Instant::now();
-    let mut host = bench.host(design.machine.as_deref());
+    let mut host = bench.host();
     if let Some(isa) = design.isa {
         host.machine += &format!(", Embree held to {isa}");
     }
-    let machine = host.machine.clone();
     let mut results = Results::new(host, design.rounds);
-    others.into_iter().for_each(|other| results.merge(other));
     let mut subjects: Vec<Box<dyn Fn() -> Result<Subject>>> = Vec::new();
     for (path, name) in args.scenes.iter().zip(names(&args.scenes, &args.generate)?) {
         subjects.push(Box::new(move || Subject::load(path, &name)));
@@ -133,20 +113,10 @@ pub(super) fn run(args: &RaysArgs, verbosity: Verbosity) -> Result<Verdict> {
     for (i, subject) in subjects.iter().enumerate() {
         let progress = |done: f64| reporter.update(progress((i as f64 + done) / all, start));
         let subject = subject()?;
-        let mut requested = design.contenders(&subject).iter().map(Contender::name).collect::<Vec<_>>();
-        requested.push(CONTROL.to_owned());
-        if results.has(&machine, &subject.name, &requested) {
-            if !verbosity.quiet {
-                say(format_args!("{}: measured before, taken from the merged report", subject.name));
-            }
-            continue;
-        }
-        let mut before = results.clone();
-        results.forget(&machine, &subject.name);
+        let before = results.clone();
         if let Err(error) = measure(&bench, &subject, &design, &mut results, &stop, &progress) {
             reporter.finish(false);
             // Keeps the scenes measured before and drops the incomplete one.
-            before.forget_idle_host();
             write(&design.folder, &before)?;
             return Err(error);
         }
@@ -154,7 +124,6 @@ pub(super) fn run(args: &RaysArgs, verbosity: Verbosity) -> Result<Verdict> {
         write(&design.folder, &results)?;
     }
     reporter.finish(true);
-    results.forget_idle_host();
     let (unexplained, pictures) = (results.unexplained(), results.differing_pictures());
     write(&design.folder, &results)?;
     if !verbosity.quiet {

@@ -38,15 +38,14 @@ pub struct Host {
 }
 
 impl Host {
-    /// Describes the machine under `name`, or else its processor and number of cores. Must be called where
-    /// rays will be traced, for the floating-point mode.
-    pub fn look(name: Option<&str>) -> Self {
+    /// Describes the machine. Must be called where rays will be traced, for the floating-point mode.
+    pub fn look() -> Self {
         let cpus = read("/proc/cpuinfo");
         let field = |key: &str| cpus.lines().find_map(|l| l.strip_prefix(key)?.trim().strip_prefix(':')).map(str::trim);
         let Machine { cpu, cores, memory_bytes, kernel } = Machine::look();
         let (flushes, zeroes) = floating_point_mode();
         Self {
-            machine: name.map_or_else(|| format!("{cpu}, {cores} cores"), str::to_owned),
+            machine: format!("{cpu}, {cores} cores"),
             cores,
             memory_bytes,
             kernel,
@@ -90,8 +89,8 @@ impl Bench {
     }
 
     /// Describes the machine, on a thread that traces.
-    pub fn host(&self, name: Option<&str>) -> Host {
-        self.one.install(|| Host::look(name))
+    pub fn host(&self) -> Host {
+        self.one.install(Host::look)
     }
 }
 
@@ -155,14 +154,6 @@ impl Default for Gauge {
     fn default() -> Self {
         Self::new()
     }
-}
-
-/// The most over the least but for a tenth at either end: how far a series drifted.
-pub fn drift(seconds: &[f64]) -> f64 {
-    let mut sorted = seconds.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let n = sorted.len();
-    if n == 0 { f64::NAN } else { sorted[(n - 1) * 9 / 10] / sorted[(n - 1) / 10] }
 }
 
 /// Whether this thread flushes results to zero, and whether it treats denormal operands as zero.
@@ -238,15 +229,5 @@ mod tests {
         {
             assert!(count.is_none_or(|n| (10_000..1_000_000_000).contains(&n)), "{count:?}");
         }
-    }
-
-    #[test]
-    fn drift_leaves_the_ends_out() {
-        let mut steady = vec![1.0; 20];
-        assert_eq!(drift(&steady), 1.0);
-        steady[3] = 50.0;
-        assert_eq!(drift(&steady), 1.0);
-        steady[..8].fill(1.5);
-        assert_eq!(drift(&steady), 1.5);
     }
 }

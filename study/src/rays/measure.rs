@@ -21,7 +21,6 @@ use super::stream::{self, Stream};
 use super::table::{Agreement, Build, Picture, Results, Scaling, Trace};
 use super::{Contender, Design, LARGE, Subject};
 use crate::clock::{process_seconds, thread_seconds};
-use crate::files;
 use crate::statistics::{farthest, median, median_error, robust_deviation};
 
 /// The control's name: the baseline, built a second time.
@@ -53,7 +52,8 @@ pub fn measure(
     let (base, built) = campaign.build(&baseline, true)?;
     results.hosts[0].embree.clone_from(&base.info().version);
     results.hosts[0].embree_isa.clone_from(&base.info().isa);
-    let streams = campaign.streams(base.as_ref())?;
+    let record = || stream::record(&subject.scene, base.as_ref(), &subject.settings, design.rays);
+    let streams = bench.one.install(record)?;
     let judge = Judge::new(&subject.scene);
     let base = Side { backend: base.as_ref(), build_seconds: built.cpu_seconds };
     let answers = bench.one.install(|| streams.iter().map(|s| Answers::of(base.backend, s)).collect::<Vec<_>>());
@@ -140,11 +140,7 @@ struct Campaign<'a> {
 impl Campaign<'_> {
     fn go_on(&self) -> Result<()> {
         if self.stop.load(Ordering::Relaxed) {
-            return Err(Error::Interrupted(
-                "interrupted: the scenes that were finished are in the report; the same command with --merge-report \
-                 DIR/results.json goes on with the others"
-                    .to_owned(),
-            ));
+            return Err(Error::Interrupted("interrupted: the scenes that were finished are in the report".to_owned()));
         }
         Ok(())
     }
@@ -201,23 +197,6 @@ impl Campaign<'_> {
             peak_process_bytes_per_triangle: per_triangle(peak),
         };
         Ok((backend, row))
-    }
-
-    /// Records streams, or reads those of an earlier study.
-    fn streams(&self, base: &dyn RayQueries) -> Result<Vec<Stream>> {
-        let (subject, design) = (self.subject, self.design);
-        let file = format!("{}.rays", subject.name);
-        if let Some(folder) = &design.streams {
-            return stream::load(&folder.join(file), subject.fingerprint(design));
-        }
-        let record = || stream::record(&subject.scene, base, &subject.settings, design.rays);
-        let streams = self.bench.one.install(record)?;
-        if !design.save_streams {
-            return Ok(streams);
-        }
-        let folder = design.folder.join("streams");
-        files::folder(&folder)?;
-        stream::save(&folder.join(file), subject.fingerprint(design), streams)
     }
 
     /// For each stream, seconds of the baseline and of the other for one replay each, round by round in turn. A round goes

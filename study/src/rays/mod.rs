@@ -7,7 +7,6 @@
 //! [`host`]). The control `embree (again)` is the baseline built a second time: its true ratio is 1.
 
 pub mod agree;
-mod compare;
 pub mod contender;
 pub mod exact;
 pub mod host;
@@ -53,10 +52,6 @@ pub struct Design {
     pub picture: u32,
     /// Paths a pixel of the pictures, ≥ 2; 0 for no pictures.
     pub spp: u32,
-    pub save_streams: bool,
-    /// Take the streams from this folder instead of recording them.
-    pub streams: Option<PathBuf>,
-    pub machine: Option<String>,
 }
 
 impl Design {
@@ -103,23 +98,5 @@ impl Subject {
         };
         let built = scene.instances.iter().map(of_instance).sum();
         Self { name, shape, scene: Arc::new(scene), triangles, built, settings: RenderSettings::default() }
-    }
-
-    /// Hash of triangles, transforms and view: everything that recorded rays depend on.
-    fn fingerprint(&self, design: &Design) -> u64 {
-        let mut hasher = blake3::Hasher::new();
-        fn hash(hasher: &mut blake3::Hasher, number: u32) {
-            hasher.update(&number.to_le_bytes());
-        }
-        for mesh in &self.scene.meshes {
-            for position in mesh.positions.iter() {
-                position.iter().for_each(|x| hash(&mut hasher, x.to_bits()));
-            }
-            mesh.indices.iter().flatten().for_each(|x| hash(&mut hasher, *x));
-        }
-        let placed = self.scene.instances.iter().flat_map(|i| i.transform.map(|t| t.to_cols_array()));
-        placed.flatten().for_each(|x| hash(&mut hasher, x.to_bits()));
-        hasher.update(format!("{:?} {}", self.scene.cameras[0], design.rays).as_bytes());
-        u64::from_le_bytes(std::array::from_fn(|i| hasher.finalize().as_bytes()[i]))
     }
 }

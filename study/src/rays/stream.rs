@@ -1,21 +1,17 @@
 //! Ray streams: recorded batches of real renders, the same for every backend.
 
-use std::path::Path;
 use std::sync::Arc;
 use std::sync::Mutex;
 use std::sync::atomic::AtomicBool;
 
+use bismar::Result;
 use bismar::integrator::PreparedScene;
 use bismar::rays::{BackendInfo, HitBatch, RayBatch, RayOrder, RayQueries};
 use bismar::render::{Balance, PixelFilter, RenderSettings, render};
 use bismar::scene::{Scene, TextureSlot};
-use bismar::{Error, Result};
 use glam::{Vec3, Vec4};
-use serde::{Deserialize, Serialize};
 
-use crate::files;
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
     Closest,
     /// Any hit.
@@ -23,7 +19,7 @@ pub enum Kind {
 }
 
 /// One batch, as the renderer handed it over.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+#[derive(Debug, Clone)]
 pub struct Query {
     pub kind: Kind,
     /// Order that the renderer declared.
@@ -69,7 +65,7 @@ impl RayQueries for Recorder<'_> {
 }
 
 /// Batches of one kind.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+#[derive(Debug, Clone)]
 pub struct Stream {
     pub name: String,
     /// The batches, all of one kind and order.
@@ -225,35 +221,8 @@ fn sorted(queries: &[Query]) -> Vec<Query> {
     reordered(queries, |order| order.sort_by_key(key))
 }
 
-/// Streams on disk, with what they were recorded on.
-#[derive(Serialize, Deserialize)]
-struct Recording {
-    fingerprint: u64,
-    streams: Vec<Stream>,
-}
-
-/// Keeps streams, with the fingerprint of what they were recorded on.
-pub fn save(path: &Path, fingerprint: u64, streams: Vec<Stream>) -> Result<Vec<Stream>> {
-    let recording = Recording { fingerprint, streams };
-    files::keep(path, &recording)?;
-    Ok(recording.streams)
-}
-
-/// Reads what [`save`] wrote.
-pub fn load(path: &Path, fingerprint: u64) -> Result<Vec<Stream>> {
-    let wrong = |what: &str| Error::Data(format!("{}: {what}: record them again with --save-streams", path.display()));
-    let recording: Recording = files::kept(path)?
-        .ok_or_else(|| wrong("these are no ray streams of this version of bismar, or they are cut off or damaged"))?;
-    if recording.fingerprint != fingerprint {
-        return Err(wrong("these streams were recorded on another scene, or another view of it"));
-    }
-    Ok(recording.streams)
-}
-
 #[cfg(test)]
 mod tests {
-    use std::fs;
-
     use super::*;
 
     fn query(n: usize, seed: u32) -> Query {
@@ -263,39 +232,6 @@ mod tests {
             rays.push(Vec3::new(bits(0), bits(1), bits(2)), Vec3::new(bits(3), bits(4), -0.0), 0.0, f32::INFINITY, i);
         }
         Query { kind: Kind::Closest, order: RayOrder::Incoherent, rays }
-    }
-
-    fn bits(streams: &[Stream]) -> Vec<u32> {
-        let columns = |q: &Query| {
-            let floats = q.rays.origin.iter().chain(&q.rays.direction).chain([&q.rays.tnear, &q.rays.tfar]);
-            floats.flatten().map(|x| x.to_bits()).chain(q.rays.key.iter().copied()).collect::<Vec<_>>()
-        };
-        streams.iter().flat_map(|s| &s.queries).flat_map(columns).collect()
-    }
-
-    #[test]
-    fn streams_come_back_from_the_disk_to_the_bit_or_not_at_all() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.rays");
-        let shadow = Query { kind: Kind::Occluded, ..query(3, 5) };
-        let streams = [
-            Stream { name: "diffuse".into(), queries: vec![query(7, 1), query(0, 2), query(16, 3)] },
-            Stream { name: "shadow".into(), queries: vec![shadow] },
-        ];
-        save(&path, 42, streams.to_vec()).unwrap();
-        let again = load(&path, 42).unwrap();
-        assert_eq!(bits(&again), bits(&streams));
-        assert_eq!(
-            again.iter().map(|s| (&*s.name, s.queries.len())).collect::<Vec<_>>(),
-            [("diffuse", 3), ("shadow", 1)]
-        );
-        assert_eq!((again[1].queries[0].kind, again[0].queries[0].kind), (Kind::Occluded, Kind::Closest));
-        assert!(matches!(load(&path, 43), Err(Error::Data(_))));
-        let whole = fs::read(&path).unwrap();
-        for cut in [0, 13, 20, 30, whole.len() - 1] {
-            fs::write(&path, &whole[..cut]).unwrap();
-            assert!(matches!(load(&path, 42), Err(Error::Data(_))), "{cut}");
-        }
     }
 
     #[test]

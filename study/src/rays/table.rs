@@ -1,9 +1,8 @@
 //! The tables of a study (`docs/study-rays.md` describes every column).
 
-use std::fs;
 use std::path::Path;
 
-use bismar::{Error, Result};
+use bismar::Result;
 use serde::{Deserialize, Serialize};
 
 use super::agree::{Class, Tally};
@@ -179,55 +178,6 @@ impl Results {
         self.pictures.iter().filter(|p| p.bias_z.abs() > MAX_Z).count()
     }
 
-    /// Whether this machine measured a scene with all of these contenders.
-    pub fn has(&self, machine: &str, scene: &str, contenders: &[String]) -> bool {
-        let is = |b: &&Build| b.machine == machine && b.scene == scene;
-        let there = self.builds.iter().filter(is).map(|b| &b.backend).collect::<Vec<_>>();
-        !there.is_empty() && contenders.iter().all(|name| there.contains(&name))
-    }
-
-    /// Removes a machine's rows of a scene.
-    pub fn forget(&mut self, machine: &str, scene: &str) {
-        macro_rules! forget {
-            ($($table:ident)*) => { $(self.$table.retain(|r| r.machine != machine || r.scene != scene);)* };
-        }
-        forget!(traces builds pictures scalings agreements);
-    }
-
-    /// Removes this study's own host if it measured nothing and there are others.
-    pub fn forget_idle_host(&mut self) {
-        if self.hosts.len() > 1 && self.hosts[0].spin_seconds.is_empty() {
-            self.hosts.remove(0);
-        }
-    }
-
-    /// Adds the results of another study, except for scenes that this one has of the same machine.
-    pub fn merge(&mut self, other: Self) {
-        let mine = self.builds.iter().map(|t| (t.machine.clone(), t.scene.clone())).collect::<Vec<_>>();
-        let new = |machine: &str, scene: &str| !mine.iter().any(|(m, s)| m == machine && s == scene);
-        macro_rules! merge {
-            ($($table:ident)*) => {
-                $(self.$table.extend(other.$table.into_iter().filter(|r| new(&r.machine, &r.scene)));)*
-            };
-        }
-        merge!(traces builds pictures scalings agreements);
-        self.runs.extend(other.runs);
-        self.hosts.extend(other.hosts);
-        self.notes.extend(other.notes);
-    }
-
-    /// Reads what [`write`](super::write) wrote.
-    pub fn read(path: &Path) -> Result<Self> {
-        let bytes = fs::read(path).map_err(|e| Error::reading(path, &e))?;
-        let data = |what: String| Error::Data(format!("{}: {what}", path.display()));
-        let results: Self = serde_json::from_slice(&bytes)
-            .map_err(|e| data(format!("not the results.json of a study of rays by this version: {e}")))?;
-        if results.schema != SCHEMA {
-            return Err(data(format!("schema {}, this program writes {SCHEMA}", results.schema)));
-        }
-        Ok(results)
-    }
-
     /// Writes `results.json` and a CSV file a table.
     pub fn write(&self, folder: &Path) -> Result<()> {
         files::write_json(&folder.join("results.json"), self)?;
@@ -241,10 +191,9 @@ impl Results {
     }
 }
 
-/// The rows of a scene on a machine.
+/// The rows of a scene.
 pub(super) struct SceneRows<'a> {
-    pub results: &'a Results,
-    pub machine: &'a str,
+    results: &'a Results,
     pub name: &'a str,
     pub triangles: u64,
 }
@@ -252,8 +201,8 @@ pub(super) struct SceneRows<'a> {
 pub(super) fn scenes(results: &Results) -> Vec<SceneRows<'_>> {
     let mut all: Vec<SceneRows> = Vec::new();
     for row in &results.builds {
-        if !all.iter().any(|s| s.machine == row.machine && s.name == row.scene) {
-            all.push(SceneRows { results, machine: &row.machine, name: &row.scene, triangles: row.triangles });
+        if !all.iter().any(|s| s.name == row.scene) {
+            all.push(SceneRows { results, name: &row.scene, triangles: row.triangles });
         }
     }
     all.sort_by_key(|s| s.triangles);
@@ -261,37 +210,24 @@ pub(super) fn scenes(results: &Results) -> Vec<SceneRows<'_>> {
 }
 
 impl<'a> SceneRows<'a> {
-    pub(super) fn traces(&self) -> impl Iterator<Item = &'a Trace> {
-        let (machine, name) = (self.machine, self.name);
-        self.results.traces.iter().filter(move |r| r.machine == machine && r.scene == name)
+    pub(super) fn traces(&self) -> impl Iterator<Item = &'a Trace> + use<'a> {
+        let name = self.name;
+        self.results.traces.iter().filter(move |r| r.scene == name)
     }
 
-    pub(super) fn builds(&self) -> impl Iterator<Item = &'a Build> {
-        let (machine, name) = (self.machine, self.name);
-        self.results.builds.iter().filter(move |r| r.machine == machine && r.scene == name)
+    pub(super) fn builds(&self) -> impl Iterator<Item = &'a Build> + use<'a> {
+        let name = self.name;
+        self.results.builds.iter().filter(move |r| r.scene == name)
     }
 
-    pub(super) fn agreements(&self) -> impl Iterator<Item = &'a Agreement> {
-        let (machine, name) = (self.machine, self.name);
-        self.results.agreements.iter().filter(move |r| r.machine == machine && r.scene == name)
+    pub(super) fn pictures(&self) -> impl Iterator<Item = &'a Picture> + use<'a> {
+        let name = self.name;
+        self.results.pictures.iter().filter(move |r| r.scene == name)
     }
 
-    pub(super) fn base_build(&self) -> Option<&'a Build> {
-        self.builds().next()
-    }
-
-    /// Name of the scene, with the machine if there are several.
-    pub(super) fn title(&self) -> String {
-        let several = self.results.builds.iter().any(|b| b.machine != self.machine);
-        if several { format!("{}, {}", self.name, self.machine) } else { self.name.to_owned() }
-    }
-
-    pub(super) fn file(&self) -> String {
-        let machines = self.results.hosts.iter().map(|h| &h.machine).collect::<Vec<_>>();
-        match machines.iter().position(|m| **m == self.machine) {
-            None | Some(0) => self.name.to_owned(),
-            Some(other) => format!("{}-machine{}", self.name, other + 1),
-        }
+    pub(super) fn agreements(&self) -> impl Iterator<Item = &'a Agreement> + use<'a> {
+        let name = self.name;
+        self.results.agreements.iter().filter(move |r| r.scene == name)
     }
 }
 

@@ -54,11 +54,6 @@ pub fn number(x: f64) -> String {
     text.replacen('-', "−", 1).replace("e-", "e−")
 }
 
-/// A number and its standard error in per cent of it.
-pub fn with_relative_error(x: f64, error: f64) -> String {
-    format!("{} ± {:.0} %", number(x), 100.0 * error / x)
-}
-
 /// A number with its standard error, both to the error's second digit, three decimals at most.
 pub fn with_error(x: f64, error: f64) -> String {
     if !x.is_finite() || !error.is_finite() || error >= 1e4 {

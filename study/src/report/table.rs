@@ -1,8 +1,11 @@
 //! Tables for pages.
 
 use maud::{Markup, html};
+use serde::Serialize;
+use serde_json::Value;
 
-use super::number;
+use super::{number, with_error};
+
 /// Emphasis of a cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Tone {
@@ -104,6 +107,29 @@ impl Table {
     /// A table with a row per value, without columns.
     pub fn of<R>(of: &[R]) -> Columns<'_, R> {
         Columns { of, table: Self { columns: Vec::new(), rows: vec![Vec::new(); of.len()] } }
+    }
+
+    /// The named fields of rows as files have them, each with its standard error where there is a field `NAME_se`. The number
+    /// says whether a ratio is good below 1 (-1) or above it (1).
+    pub fn of_fields<R: Serialize>(rows: &[R], fields: &[(&str, i8)]) -> Self {
+        let cell = |row: &Value, (field, good): (&str, i8)| -> Cell {
+            let value = &row[field];
+            let tone = |x, error| match good {
+                0 => Tone::Plain,
+                good if good < 0 => Tone::below_one(x, error),
+                _ => Tone::above_one(x, error),
+            };
+            match (value.as_f64(), row[format!("{field}_se")].as_f64()) {
+                (Some(x), Some(error)) => (with_error(x, error), tone(x, error)).into(),
+                (Some(x), None) if !value.is_u64() => x.into(),
+                _ => value.as_str().map_or_else(|| value.to_string().replace("null", ""), str::to_owned).into(),
+            }
+        };
+        let values = rows.iter().map(|row| serde_json::to_value(row).unwrap_or_default());
+        Self {
+            columns: fields.iter().map(|(field, _)| (field.replace('_', " "), String::new())).collect(),
+            rows: values.map(|row| fields.iter().map(|field| cell(&row, *field)).collect()).collect(),
+        }
     }
 
     /// Adds a row at the end.

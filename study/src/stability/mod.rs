@@ -11,7 +11,6 @@ pub mod facts;
 pub mod guiding;
 pub mod judge;
 pub mod page;
-pub mod regularised;
 pub mod renders;
 pub mod scenes;
 pub mod simulate;

@@ -61,9 +61,7 @@ of `half` with equal paths, in the worst pixel and colour channel: 1 is no harm,
 F23 test path guiding.";
 const WORST: &str = "✗: a pixel exceeds the mode's bar by more than chance explains. ?: the worst pixel (± its standard error) \
 exceeds it, but chance may explain that. 1.00 may mean that a method learned nothing from so few samples, or nothing that it \
-trusted: see its shares below. `power` and `max` do not adapt; their losses come from their weights. `ridge` and `minimax` \
-are not values of `--balance` and appear in exact cases only. Both use the paper's passes: `ridge` its formula with one \
-pseudo-observation, `minimax` the best share against the worst integrand with the same moments, with two.";
+trusted: see its shares below. `power` and `max` do not adapt; their losses come from their weights.";
 const SHARES: &str = "Mean share of light samples in the last pass ± its standard deviation over replicas. F10 tests how much \
 the share varies where all pixels are equal.";
 const FACTS: &str = "The share of light samples after samples that break naive rules. Invalid samples must not count.";

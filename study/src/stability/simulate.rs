@@ -2,7 +2,7 @@
 //! known exactly.
 
 use bismar::balance::PixelFeatures;
-use bismar::balance::method::{pass_within_goal, take_pass, take_pass_and_update};
+use bismar::balance::method::{pass_within_goal, take_pass};
 use bismar::balance::sampler::LightInfo;
 use bismar::balance::{
     Balance, Contribution, Cost, Counts, Heuristic, LearnedPixels, Method, Moments, Observer, Sampler, Shares,
@@ -12,16 +12,11 @@ use bismar::sampling::SplitMix64;
 use glam::Vec3;
 
 use super::domain::{Atom, Image};
-use super::regularised::{minimax_ridge, second_order_ridge};
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Subject {
     /// A method of `--balance`.
     Method(Balance),
-    /// The paper's passes and formula, with a ridge of one pseudo-observation.
-    Ridge,
-    /// The paper's passes, and the share that is best against the worst integrand, with a ridge of two.
-    Minimax,
     /// Positive control of unbiasedness: a pixel's own pilot is reweighted by a share that was estimated from it.
     Biased,
     /// Positive control of safety: after a pilot of a quarter, the share that minimises the second moment of the pixel's
@@ -31,7 +26,7 @@ pub enum Subject {
 
 impl Subject {
     pub fn shown() -> Vec<Self> {
-        Balance::all().iter().map(|&b| Self::Method(b)).chain([Self::Ridge, Self::Minimax]).collect()
+        Balance::all().iter().map(|&b| Self::Method(b)).collect()
     }
 
     pub fn learns(self) -> bool {
@@ -43,8 +38,6 @@ impl Subject {
         match self {
             Subject::Method(Balance::SecondOrder) => Some(seen.second_order()),
             Subject::Method(Balance::Kl) => Some(seen.kl_linear()),
-            Subject::Ridge => Some(second_order_ridge(seen, 1.0)),
-            Subject::Minimax => Some(minimax_ridge(seen, 2.0)),
             _ => None,
         }
     }
@@ -56,39 +49,9 @@ impl Subject {
     fn method(self) -> &'static dyn Method {
         match self {
             Subject::Method(balance) => balance.method(),
-            Subject::Ridge => &FromMoments { name: "ridge", share: |seen| second_order_ridge(seen, 1.0) },
-            Subject::Minimax => &FromMoments { name: "minimax", share: |seen| minimax_ridge(seen, 2.0) },
             Subject::Biased => &Biased,
             Subject::Unsafe => &Unsafe,
         }
-    }
-}
-
-/// The paper's passes with another formula.
-struct FromMoments {
-    name: &'static str,
-    share: fn(&Moments) -> f32,
-}
-
-impl Method for FromMoments {
-    fn name(&self) -> &'static str {
-        self.name
-    }
-
-    fn about(&self) -> &'static str {
-        "for studies"
-    }
-
-    fn sums_moments(&self) -> bool {
-        true
-    }
-
-    fn next_pass(&self, done: u32, goal: Option<u32>, pilot: Option<f64>) -> Option<u32> {
-        Balance::SecondOrder.method().next_pass(done, goal, pilot)
-    }
-
-    fn pass(&self, learned: &mut LearnedPixels, sampler: &mut dyn Sampler, _done: u32, paths: u32) {
-        take_pass_and_update(learned, sampler, paths, self.share);
     }
 }
 

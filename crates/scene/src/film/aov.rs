@@ -118,55 +118,17 @@ fn layer(prefix: &str, letters: &str, value: Value) -> Vec<Channel> {
     letters.chars().enumerate().map(channel).collect()
 }
 
-impl Aov {
-    /// All of them, in the order of the command line's help.
-    pub const ALL: [Self; 19] = [
-        Self::Albedo,
-        Self::Normal,
-        Self::Depth,
-        Self::Direct,
-        Self::Indirect,
-        Self::Variance,
-        Self::Samples,
-        Self::Balance,
-        Self::Object,
-        Self::Material,
-        Self::Position,
-        Self::Uv,
-        Self::Emission,
-        Self::GuideAlbedo,
-        Self::GuideNormal,
-        Self::Lights,
-        Self::Velocity,
-        Self::CryptoObject,
-        Self::CryptoMaterial,
-    ];
-
-    /// Name on the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Albedo => "albedo",
-            Self::Normal => "normal",
-            Self::Depth => "depth",
-            Self::Direct => "direct",
-            Self::Indirect => "indirect",
-            Self::Variance => "variance",
-            Self::Samples => "samples",
-            Self::Balance => "balance",
-            Self::Object => "object",
-            Self::Material => "material",
-            Self::Position => "position",
-            Self::Uv => "uv",
-            Self::Emission => "emission",
-            Self::GuideAlbedo => "guide-albedo",
-            Self::GuideNormal => "guide-normal",
-            Self::Lights => "lights",
-            Self::Velocity => "velocity",
-            Self::CryptoObject => "crypto-object",
-            Self::CryptoMaterial => "crypto-material",
-        }
+named_variants! {
+    Aov {
+        Albedo = "albedo", Normal = "normal", Depth = "depth", Direct = "direct", Indirect = "indirect",
+        Variance = "variance", Samples = "samples", Balance = "balance", Object = "object", Material = "material",
+        Position = "position", Uv = "uv", Emission = "emission", GuideAlbedo = "guide-albedo",
+        GuideNormal = "guide-normal", Lights = "lights", Velocity = "velocity", CryptoObject = "crypto-object",
+        CryptoMaterial = "crypto-material",
     }
+}
 
+impl Aov {
     /// The default of `--aov`: the AOVs that a comparison needs, which need no further memory.
     pub const DEFAULT: [Aov; 3] = [Aov::Variance, Aov::Samples, Aov::Balance];
 

@@ -36,14 +36,4 @@ pub enum Denoise {
     Oidn,
 }
 
-impl Denoise {
-    /// All of them, in the order of the command line's help.
-    pub const ALL: [Self; 1] = [Self::Oidn];
-
-    /// Name on the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Oidn => "oidn",
-        }
-    }
-}
+named_variants! { Denoise { Oidn = "oidn" } }

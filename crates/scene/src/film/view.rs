@@ -16,20 +16,9 @@ pub enum View {
     Srgb,
 }
 
+named_variants! { View { Agx = "agx", Neutral = "neutral", Aces = "aces", Srgb = "srgb" } }
+
 impl View {
-    /// All of them, in the order of the command line's help.
-    pub const ALL: [Self; 4] = [Self::Agx, Self::Neutral, Self::Aces, Self::Srgb];
-
-    /// The name on the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            View::Agx => "agx",
-            View::Neutral => "neutral",
-            View::Aces => "aces",
-            View::Srgb => "srgb",
-        }
-    }
-
     /// Display-encoded RGB in [0, 1] of linear radiance at an exposure in stops. It is never NaN: NaN and negative radiance count
     /// as black, infinite radiance as very bright.
     pub fn apply(self, radiance: [f32; 3], exposure_ev: f32) -> [f32; 3] {

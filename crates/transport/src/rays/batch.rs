@@ -1,7 +1,5 @@
 //! Batches of rays and hits, as structure of arrays.
 
-use serde::{Deserialize, Serialize};
-
 use crate::lanes::{F, LANES, Rows, U, V3, load, store, store_bits};
 use crate::scene::Primitive;
 
@@ -9,7 +7,7 @@ use crate::scene::Primitive;
 pub const MISS: u32 = u32::MAX;
 
 /// Rays as structure of arrays; all columns have the same length.
-#[derive(Debug, Default, Clone, Serialize, Deserialize)]
+#[derive(Debug, Default, Clone)]
 pub struct RayBatch {
     /// World-space origins, x, y, z.
     pub origin: [Vec<f32>; 3],
@@ -22,7 +20,6 @@ pub struct RayBatch {
     /// Random number of the ray: seed of the stochastic test at alpha-blended surfaces.
     pub key: Vec<u32>,
     /// Time from 0 (shutter opens) to 1 (shutter closes); empty where nothing moves.
-    #[serde(default)]
     pub time: Vec<f32>,
 }
 
@@ -44,7 +41,7 @@ pub struct HitBatch {
 }
 
 /// Coherence of neighbouring rays in a batch. A hint: it may only change which one of several coincident surfaces is hit.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RayOrder {
     /// Neighbours are similar: camera rays of one tile.
     Coherent,

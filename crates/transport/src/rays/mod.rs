@@ -30,18 +30,7 @@ pub enum Backend {
     Obvhs,
 }
 
-impl Backend {
-    /// All of them, in the order of the command line's help.
-    pub const ALL: [Self; 2] = [Self::Embree, Self::Obvhs];
-
-    /// Name on the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Embree => "embree",
-            Self::Obvhs => "obvhs",
-        }
-    }
-}
+bismar_scene::named_variants! { Backend { Embree = "embree", Obvhs = "obvhs" } }
 
 /// Builds the acceleration structure of a scene, with as many threads as the current rayon pool has.
 ///

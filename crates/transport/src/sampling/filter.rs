@@ -19,17 +19,9 @@ pub enum PixelFilter {
     BlackmanHarris,
 }
 
-impl PixelFilter {
-    /// All of them, in the order of the command line's help.
-    pub const ALL: [Self; 3] = [Self::Gaussian, Self::Box, Self::BlackmanHarris];
-
-    /// Name on the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Gaussian => "gaussian",
-            Self::Box => "box",
-            Self::BlackmanHarris => "blackman-harris",
-        }
+bismar_scene::named_variants! {
+    PixelFilter {
+        Gaussian = "gaussian", Box = "box", BlackmanHarris = "blackman-harris",
     }
 }
 

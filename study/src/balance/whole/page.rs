@@ -3,15 +3,11 @@
 use bismar::Result;
 
 use super::{Pictures, Row, SceneResults};
-use crate::balance::measure::REFERENCE_PARTS;
 use crate::balance::page::pictures::{SHARE, SHARE_WORDS, developed, exposure};
-use crate::balance::page::{bias, toned};
+use crate::balance::page::toned;
 use crate::balance::{Design, Estimator, HALF, table};
 use crate::report::page::{chart_figure, map_figure, picture_figure, slider};
-use crate::report::{
-    self, Chart, ColorScale, Dot, DotPlot, Page, Picture, Scale, Series, Table, Tone, number, plural,
-    with_relative_error,
-};
+use crate::report::{self, Chart, ColorScale, Dot, DotPlot, Page, Picture, Scale, Series, Table, number, plural};
 use crate::statistics::mean_of;
 
 /// Side of the blocks whose errors are compared.
@@ -43,7 +39,7 @@ fn color(design: &Design, estimator: Estimator) -> usize {
 fn page(design: &Design, scenes: &[SceneResults]) -> Result<String> {
     let lead = format!(
         "Error against CPU seconds of every technique, including the cost of learning: {} scene{}, pictures of {}, {}, {} replicas \
-         of every picture.",
+         of every picture. `docs/study-balance.md` says how this was measured, and what the columns mean.",
         scenes.len(),
         plural(scenes.len()),
         design.pixels(),
@@ -61,21 +57,6 @@ fn page(design: &Design, scenes: &[SceneResults]) -> Result<String> {
     for spp in design.spp.iter().rev() {
         page.details(&format!("{spp} paths a pixel"), |page| page.table(&scores(design, scenes, Some(*spp))));
     }
-    page.details("How this was measured, and its uncertainty", |page| {
-        page.text(&format!(
-            "relMSE is the mean over pixels and channels of (x − reference)²/(reference² + 0.01). The reference is the mean of \
-             {REFERENCE_PARTS} renders by `{}` with {} paths a pixel together and their own seeds; its error, estimated from the \
-             scatter of these renders, is subtracted. Replica r has the same seed for every technique.",
-            design.reference().name(),
-            design.reference_spp
-        ));
-        page.text(
-            "Seconds are CPU seconds of all threads from the scene in memory to the last pixel, including pre-passes. The techniques \
-             took turns, replica by replica, and the time ratio is the median over replicas of a picture's time over that of `half` \
-             in the same round. ± is one standard error, by the jackknife over replicas. Few replicas of pictures with rare bright \
-             pixels prove little.",
-        );
-    });
     for scene in scenes {
         scene_section(&mut page, design, scene)?;
     }
@@ -159,37 +140,10 @@ fn scene_section(page: &mut Page, design: &Design, scene: &SceneResults) -> Resu
 }
 
 fn rows(scene: &SceneResults) -> Table {
-    let half = |row: &Row| row.estimator == HALF.name();
-    Table::of(&scene.rows)
-        .column("technique", "", |r| &*r.estimator)
-        .column("paths", "A pixel, mean", |r| r.paths_mean)
-        .column("relMSE", "Mean over replicas, less the reference's own error", |r| {
-            with_relative_error(r.rel_mse, r.rel_mse_se)
-        })
-        .column("CPU s", "Median CPU seconds of a picture, all threads, learning included", |r| r.cpu_seconds)
-        .column("relMSE × s", "Inverse efficiency: less is better", |r| r.inverse_efficiency)
-        .column("error", "relMSE over that of half", |r| toned(r.rel_mse_ratio, r.rel_mse_ratio_se))
-        .column("time", "CPU time over that of half in the same round, median", |r| {
-            toned(r.time_ratio, r.time_ratio_se)
-        })
-        .column("product", "relMSE × CPU seconds over that of half", |r| toned(r.product_ratio, r.product_ratio_se))
-        .column("guided", "Share of replicas whose pre-pass decided for guiding", |r| r.guided)
-        .column("guiding expected", "Variance that the pre-pass expected with guiding, over that without", |r| {
-            r.guiding_variance
-        })
-        .column("pre-pass s", "Seconds of the pre-pass of guiding", |r| r.guiding_seconds)
-        .column(
-            "adaptive expected",
-            "relMSE × CPU seconds that the pre-pass of --adaptive expected, over that without",
-            |r| r.adaptive_left,
-        )
-        .faint(half)
-        .column(
-            "bias z",
-            "Difference of the picture's mean from the reference's in standard errors, worst channel",
-            |r| bias(r.bias_z, if half(r) { Tone::Faint } else { Tone::Plain }),
-        )
-        .end()
+    let ratios = ["rel_mse_ratio", "time_ratio", "product_ratio"].map(|field| (field, -1));
+    let plain = ["estimator", "paths_mean", "rel_mse", "cpu_seconds", "inverse_efficiency"].map(|field| (field, 0));
+    let more = ["guided", "guiding_variance", "guiding_seconds", "adaptive_left", "bias_z"].map(|field| (field, 0));
+    Table::of_fields(&scene.rows, &[&plain[..], &ratios, &more].concat())
 }
 
 /// Pictures of the scene, light shares, paths, and the error of each technique over that of `half`.

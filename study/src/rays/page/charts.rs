@@ -16,15 +16,14 @@ const SHOWN: [(&str, usize); 8] = [
     ("obvhs+bvh2", 7),
 ];
 /// The stream that stands for all in charts.
-pub(super) const STREAM: &str = "diffuse";
+const STREAM: &str = "diffuse";
 /// Charts of the page's top, by the names of their files.
 type Charts = Vec<(String, Chart)>;
 
 /// Build and render against paths a pixel, over the baseline's: times themselves are in the tables, and would lie on each
 /// other.
 pub(super) fn picture(scene: &SceneRows) -> Chart {
-    let rows = scene.results.pictures.iter().filter(|r| r.machine == scene.machine && r.scene == scene.name);
-    let rows = rows.collect::<Vec<_>>();
+    let rows = scene.pictures().collect::<Vec<_>>();
     let base = rows.iter().find(|r| r.backend == CONTROL);
     let seconds = |r: &Picture, spp: f64| r.build_cpu_seconds + spp * r.cpu_seconds_per_spp;
     let line = |r: &&Picture| {
@@ -34,7 +33,7 @@ pub(super) fn picture(scene: &SceneRows) -> Chart {
         let points = (0..=10).filter_map(|i| at(f64::from(1 << i))).collect();
         Some(Series { name: name.to_owned(), points, errors: Vec::new(), color })
     };
-    let side = scene.results.pictures.first().map_or(0.0, |p| (p.pixels as f64).sqrt());
+    let side = rows.first().map_or(0.0, |p| (p.pixels as f64).sqrt());
     let labels = ["paths a pixel", "CPU time of build and render over that of embree"];
     let title = format!("Time to a picture of {side:.0} x {side:.0}, less is faster");
     let mut chart = Chart::fitted(&title, labels, [Scale::Log; 2], rows.iter().filter_map(line).collect());
@@ -52,7 +51,7 @@ pub(super) fn overview(results: &Results) -> Option<DotPlot> {
             let row = scene.traces().find(|t| t.stream == STREAM && t.backend == *name)?;
             Some(Dot { value: row.speed_ratio, error: row.speed_ratio_se, kind })
         };
-        (scene.title(), kinds.iter().enumerate().filter_map(of).collect::<Vec<_>>())
+        (scene.name.to_owned(), kinds.iter().enumerate().filter_map(of).collect::<Vec<_>>())
     };
     let rows = scenes.iter().map(dots).collect::<Vec<_>>();
     if rows.is_empty() {
@@ -67,23 +66,10 @@ pub(super) fn overview(results: &Results) -> Option<DotPlot> {
     ))
 }
 
-/// Build and trace over the number of triangles, for each kind of generated scene of which a machine measured several sizes.
+/// Build and trace over the number of triangles, for each kind of generated scene.
 pub(super) fn costs(results: &Results) -> Charts {
-    let machines = distinct(results.hosts.iter().map(|h| &*h.machine));
-    let of_machine = |(i, machine): (usize, &&str)| {
-        let rows = results.builds.iter().filter(|b| b.machine == **machine);
-        let mut shapes = rows.filter_map(|b| Some((i, b.shape.clone()?))).collect::<Vec<_>>();
-        shapes.sort();
-        shapes.dedup();
-        shapes
-    };
     let mut charts = Vec::new();
-    for (i, shape) in machines.iter().enumerate().flat_map(of_machine) {
-        let is = |machine: &str, own: &Option<String>| machine == machines[i] && own.as_ref() == Some(&shape);
-        let (of, file) = match i {
-            0 => (String::new(), String::new()),
-            i => (format!(", {}", machines[i]), format!("-machine{}", i + 1)),
-        };
+    for shape in distinct(results.builds.iter().filter_map(|b| b.shape.as_deref())) {
         let lines = |of: &dyn Fn(&str) -> Vec<(f64, f64)>| {
             let line = |&(name, color): &(&str, usize)| {
                 let mut points = of(name);
@@ -92,29 +78,28 @@ pub(super) fn costs(results: &Results) -> Charts {
             };
             SHOWN.iter().map(line).filter(|s| s.points.len() > 1).collect::<Vec<_>>()
         };
+        let of_shape = |own: &Option<String>| own.as_deref() == Some(shape);
         let builds = lines(&|name| {
-            let rows = results.builds.iter().filter(|b| is(&b.machine, &b.shape) && b.backend == name);
+            let rows = results.builds.iter().filter(|b| of_shape(&b.shape) && b.backend == name);
             let base = |b: &Build| {
-                let is = |o: &&Build| o.machine == b.machine && o.scene == b.scene && o.backend == BASELINE;
-                results.builds.iter().find(is).map(|base| base.cpu_seconds)
+                let base = results.builds.iter().find(|o| o.scene == b.scene && o.backend == BASELINE);
+                base.map(|base| base.cpu_seconds)
             };
             rows.filter_map(|b| Some((b.built_triangles as f64, b.cpu_seconds / base(b)?))).collect()
         });
         let traces = lines(&|name| {
-            let rows =
-                results.traces.iter().filter(|t| is(&t.machine, &t.shape) && t.backend == name && t.stream == STREAM);
+            let rows = results.traces.iter().filter(|t| of_shape(&t.shape) && t.backend == name && t.stream == STREAM);
             rows.map(|t| (t.triangles as f64, 1.0 / t.speed_ratio)).collect()
         });
         if builds.is_empty() {
             continue;
         }
         let log = [Scale::Log; 2];
-        let title = format!("Building: {shape}{of}");
         let labels = ["triangles", "CPU time of a build over that of embree"];
-        charts.push((format!("cost-build-{shape}{file}"), Chart::fitted(&title, labels, log, builds)));
-        let title = format!("Tracing diffuse bounces: {shape}{of}");
+        charts.push((format!("cost-build-{shape}"), Chart::fitted(&format!("Building: {shape}"), labels, log, builds)));
+        let title = format!("Tracing diffuse bounces: {shape}");
         let labels = ["triangles", "time of a ray over that with embree, one thread"];
-        charts.push((format!("cost-trace-{shape}{file}"), Chart::fitted(&title, labels, log, traces)));
+        charts.push((format!("cost-trace-{shape}"), Chart::fitted(&title, labels, log, traces)));
     }
     charts
 }
