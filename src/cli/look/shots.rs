@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
+use clap::ValueEnum;
 use glam::DVec3;
 use serde_json::{Value, json};
 
@@ -18,6 +19,7 @@ use crate::console::Paths;
 use crate::film::{Exposure, Pixels, View, preview::to_byte};
 use crate::render::{RenderSettings, RunOptions, StopReason, run};
 use crate::scene::Orbit;
+use crate::scene::import::Views;
 use crate::{Error, Result};
 
 /// Centre and radius in metres.
@@ -52,13 +54,15 @@ impl Subject {
         args.selection = look.selection.clone();
         look.frames.iter().for_each(|frames| args.selection.set_frame(frames.numbers()[0]));
         args.memory_limit = look.memory_limit;
+        let orbits = Direction::value_variants().iter().map(|direction| direction.orbit()).collect();
+        args.views = Some(Views { size: [look.size.0, look.size.1], orbits, camera: None });
         args.check()?;
         let inputs = Inputs::read(&args)?;
         inputs.declare(paths)?;
         let threads = rayon::current_num_threads();
         let session = Session { args: &args, inputs: &inputs, threads, began: Instant::now(), replaces: false };
         session.check_memory()?;
-        let imported = inputs.lend(&args)?.scene.import(&args.selection.options(false, false))?;
+        let imported = inputs.lend(&args)?.scene.import(&args.import_options())?;
         let (contents, sphere) = (Contents::of(&imported, &inputs.scene), imported.scene.enclosing_sphere());
         Ok(Self { args, inputs, contents, sphere })
     }

@@ -26,7 +26,7 @@ use crate::render::identity::RequestedOutputs;
 use crate::render::lens::{Aperture, Focus, LensSettings};
 use crate::render::{BackFaces, Balance, Choice, GlassShadows, Ground, Integrator, Part, PixelFilter, RenderSettings};
 use crate::sampling::frame_seed;
-use crate::scene::import::STANDARD_INPUT;
+use crate::scene::import::{ImportOptions, STANDARD_INPUT, Views};
 use crate::scene::{Framing, Orbit, PlacedCamera};
 use crate::{Error, Result};
 
@@ -176,7 +176,7 @@ pub struct RenderArgs {
     /// Adaptive sampling: a pre-pass estimates the noise of each tile of 16 x 16 pixels, and noisy tiles get more paths;
     /// --spp is the mean (docs/adaptive.md). Without effect with --noise [default: auto with --balance progressive, else
     /// off; --adaptive alone: on].
-    #[arg(long, value_parser = adaptive(), num_args = 0..=1, require_equals = true, default_missing_value = Choice::On.name(),
+    #[arg(long, value_parser = adaptive(), default_value_if("preset", "thumbnail", "off"), num_args = 0..=1, require_equals = true, default_missing_value = Choice::On.name(),
         value_name = "WHEN", help_heading = "Sampling")]
     pub adaptive: Option<Choice>,
     /// Method that sets the share of light samples and BSDF samples in multiple importance sampling (docs/balance.md).
@@ -187,7 +187,8 @@ pub struct RenderArgs {
     pub pilot: Option<f64>,
     /// Path guiding: sample directions from the light field that a pre-pass has learned (docs/guiding.md). It helps where
     /// light reaches the visible surfaces through few paths [default: auto with --balance progressive, else off].
-    #[arg(long, value_parser = value_of::<Choice>(), value_name = "WHEN", help_heading = "Sampling")]
+    #[arg(long, value_parser = value_of::<Choice>(), default_value_if("preset", "thumbnail", "off"), value_name = "WHEN",
+        help_heading = "Sampling")]
     pub guiding: Option<Choice>,
     /// Memory limit of the guiding field, such as 256M or 1G [default: 256M].
     #[arg(long, value_name = "SIZE", value_parser = crate::cli::memory::parse_size, help_heading = "Sampling")]
@@ -323,6 +324,9 @@ pub struct RenderArgs {
     /// Folder that is left out of the paths in the picture's header; `bismar check` has it.
     #[arg(long, hide = true)]
     pub relative_to: Option<PathBuf>,
+    /// All that is to be seen of the scene; `None` if only the picture's view is.
+    #[arg(skip)]
+    pub views: Option<Views>,
     /// The flags that were given, without dashes, with their values; `None` if they are not known.
     #[arg(skip)]
     pub given: Option<Vec<(String, Option<String>)>>,
@@ -344,12 +348,31 @@ impl RenderArgs {
         self.camera.as_deref() == Some(Framing::NAME)
     }
 
+    /// Options of the import. A thumbnail's pictures are no finer than its camera shows them; cameras around the scene, and moving
+    /// ones, share one import.
+    pub fn import_options(&self) -> ImportOptions {
+        let mut options = self.selection.options(self.strict, self.has_velocities());
+        options.views.clone_from(&self.views);
+        if let (Some(Preset::Thumbnail), Some(size)) = (self.preset, self.size)
+            && self.orbit.is_none()
+            && self.placed.is_none()
+            && !self.is_posed()
+        {
+            options.views = Some(Views { size: [size.0, size.1], orbits: Vec::new(), camera: self.camera.clone() });
+        }
+        options
+    }
+
     /// Text that distinguishes scenes imported differently from the same files; empty for the default import.
     pub fn import_choices(&self) -> String {
         let unit = if self.light_unit == LightUnit::Watt { ", lights in watts" } else { "" };
         let energy = if self.energy_compensation == OnByDefault::Off { ", no energy compensation" } else { "" };
         let velocities = if self.has_velocities() { ", velocities" } else { "" };
-        format!("{}{unit}{energy}{velocities}", self.selection.name())
+        let views = self.import_options().views;
+        let seen = views.map(|Views { size: [width, height], camera, .. }| {
+            format!(", pictures as fine as {width}x{height} pixels of {} show", camera.as_deref().unwrap_or("its camera"))
+        });
+        format!("{}{unit}{energy}{velocities}{}", self.selection.name(), seen.unwrap_or_default())
     }
 
     /// Text that identifies a camera that is not one of the file; empty for those of the file.

@@ -49,7 +49,7 @@ fn apply_flags(args: &RenderArgs, scene: &mut Scene) {
 /// # Errors
 /// Those of the import and of the environment map.
 pub fn make_scene(args: &RenderArgs, files: Files) -> Result<Scene> {
-    let imported = files.scene.import(&args.selection.options(args.strict, args.has_velocities()))?;
+    let imported = files.scene.import(&args.import_options())?;
     drop(files.scene);
     let generator = imported.report.generator;
     let inexact = imported.report.notes.iter().filter(|n| matches!(n.kind, NoteKind::Approximated | NoteKind::Ignored));
