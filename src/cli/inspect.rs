@@ -27,6 +27,9 @@ pub struct InspectArgs {
     scene: PathBuf,
     #[command(flatten)]
     selection: SceneSelection,
+    /// Environment map that the scene is to have, an equirectangular .hdr or .exr. No studio light is then added.
+    #[arg(long, value_name = "FILE")]
+    env: Option<PathBuf>,
     /// Print JSON with the complete lists.
     #[arg(long)]
     json: bool,

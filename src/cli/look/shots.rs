@@ -208,6 +208,9 @@ pub fn hash_of(shots: &[Shot]) -> String {
 
 /// The exposure in stops of all views together, by what they show of surfaces.
 pub fn exposure_of<'a>(shots: impl Iterator<Item = &'a Shot>) -> f32 {
-    let covered = shots.flat_map(|shot| &shot.pixels).filter(|pixel| pixel[3] >= 0.5);
-    Exposure::Auto.of(covered.map(|[r, g, b, alpha]| [r, g, b].map(|x| x / alpha)))
+    let mut shots = shots.peekable();
+    let width = shots.peek().map_or(0, |shot| shot.size[0] as usize);
+    // What shows no surface does not count.
+    let color = |[r, g, b, alpha]: [f32; 4]| [r, g, b].map(|x| if alpha >= 0.5 { x / alpha } else { f32::NAN });
+    Exposure::Auto.of((width, shots.flat_map(|shot| &shot.pixels).copied().map(color)))
 }

@@ -293,7 +293,7 @@ pub struct RenderArgs {
     /// View transform of the PNG.
     #[arg(long, value_parser = value_of::<View>(), default_value = View::Agx.name(), help_heading = "Output")]
     pub view: View,
-    /// Exposure of the PNG in stops, or auto: the log-mean of all pixels that are not dark becomes middle grey. The value is
+    /// Exposure of the PNG in stops, or auto: the log-mean of all parts that are not dark becomes middle grey. The value is
     /// printed and stored in the EXR header (bismar.exposure), so that other pictures of a sequence can use it.
     #[arg(long, value_name = "EV", default_value_t = Exposure::Auto, allow_negative_numbers = true,
         help_heading = "Output")]

@@ -177,7 +177,7 @@ impl<'a> OutputWriter<'a> {
 pub fn develop_file(args: &RenderArgs, png: &Path, background: Background, mark: &str) -> Result<f32> {
     let output = args.output();
     let mut picture = Picture::open(&output, None)?;
-    let exposure = args.exposure.of(picture.rgb.iter().copied());
+    let exposure = args.exposure.of(picture.colors());
     if args.denoise.is_some() {
         picture.rgb = Picture::open(&output, Some(DENOISED_LAYER))?.rgb;
     }

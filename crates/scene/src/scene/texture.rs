@@ -130,11 +130,11 @@ impl Texels {
 impl Image {
     /// Replaces blocks of 2 x 2 texels by their mean, of stored values; the last ones of an odd side are smaller.
     pub(super) fn halve(&mut self) {
-        let [width, height] = [self.width, self.height].map(|n| n as usize);
+        let size = [self.width, self.height].map(|n| n as usize);
         self.texels = match &self.texels {
-            Texels::Rgb8(texels) => Texels::Rgb8(halved(texels, width, height, |x| x as u8)),
-            Texels::Rgba8(texels) => Texels::Rgba8(halved(texels, width, height, |x| x as u8)),
-            Texels::Rgba16(texels) => Texels::Rgba16(halved(texels, width, height, |x| x as u16)),
+            Texels::Rgb8(texels) => Texels::Rgb8(halved(texels, size, |x| x as u8)),
+            Texels::Rgba8(texels) => Texels::Rgba8(halved(texels, size, |x| x as u8)),
+            Texels::Rgba16(texels) => Texels::Rgba16(halved(texels, size, |x| x as u16)),
         };
         [self.width, self.height] = [self.width.div_ceil(2), self.height.div_ceil(2)];
     }
@@ -142,16 +142,20 @@ impl Image {
 
 fn halved<T: Copy + Into<u32>, const N: usize>(
     texels: &[[T; N]],
-    width: usize,
-    height: usize,
-    narrow: fn(u32) -> T,
+    [width, height]: [usize; 2],
+    narrow: impl Fn(u32) -> T,
 ) -> Vec<[T; N]> {
-    let of = |x: usize, y: usize| {
-        let at = |dx: usize, dy: usize| texels[(y + dy).min(height - 1) * width + (x + dx).min(width - 1)];
-        let block = [at(0, 0), at(1, 0), at(0, 1), at(1, 1)];
-        std::array::from_fn(|c| narrow((block.iter().map(|texel| texel[c].into()).sum::<u32>() + 2) / 4))
-    };
-    (0..height).step_by(2).flat_map(|y| (0..width).step_by(2).map(move |x| of(x, y))).collect()
+    let mut found = Vec::with_capacity(width.div_ceil(2) * height.div_ceil(2));
+    for rows in texels.chunks(2 * width) {
+        let (upper, lower) = rows.split_at(width);
+        let lower = if lower.is_empty() { upper } else { lower };
+        found.extend(upper.chunks(2).zip(lower.chunks(2)).map(|(a, b)| {
+            let last = a.len() - 1;
+            let sum = |c: usize| a[0][c].into() + a[last][c].into() + b[0][c].into() + b[last][c].into();
+            std::array::from_fn(|c| narrow((sum(c) + 2) / 4))
+        }));
+    }
+    found
 }
 
 impl Wrap {
