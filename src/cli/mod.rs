@@ -24,8 +24,8 @@ use std::process::ExitCode;
 use clap::{CommandFactory, Parser, Subcommand};
 
 use crate::Error;
-use crate::console::help::{CompletionsArgs, ManArgs, OptionsArgs};
 use crate::console::args::command_line;
+use crate::console::help::{CompletionsArgs, ManArgs, OptionsArgs};
 use crate::console::{self, Verbosity};
 use crate::render::BuildInfo;
 

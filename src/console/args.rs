@@ -95,7 +95,8 @@ mod tests {
     fn a_choice_may_follow_a_flag_that_also_stands_alone() {
         let of = |line: &str| joined(line.split(' ').map(OsString::from)).join(" ".as_ref()).into_string().unwrap();
         assert_eq!(of("render --adaptive off a.glb"), "render --adaptive=off a.glb");
-        for same in ["render --adaptive a.glb", "render --adaptive=on auto", "render a.glb --adaptive", "--guiding off"] {
+        for same in ["render --adaptive a.glb", "render --adaptive=on auto", "render a.glb --adaptive", "--guiding off"]
+        {
             assert_eq!(of(same), same);
         }
     }

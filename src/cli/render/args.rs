@@ -370,7 +370,10 @@ impl RenderArgs {
         let velocities = if self.has_velocities() { ", velocities" } else { "" };
         let views = self.import_options().views;
         let seen = views.map(|Views { size: [width, height], camera, .. }| {
-            format!(", pictures as fine as {width}x{height} pixels of {} show", camera.as_deref().unwrap_or("its camera"))
+            format!(
+                ", pictures as fine as {width}x{height} pixels of {} show",
+                camera.as_deref().unwrap_or("its camera")
+            )
         });
         format!("{}{unit}{energy}{velocities}{}", self.selection.name(), seen.unwrap_or_default())
     }

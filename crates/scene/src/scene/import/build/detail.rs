@@ -98,3 +98,32 @@ fn eyes(scene: &Scene, views: &Views) -> Option<Vec<Eye>> {
     };
     Some(cameras.into_iter().map(eye).collect())
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+
+    use super::*;
+    use crate::scene::{Camera, Encoding, Filter, Material, Mesh, TextureRef, TextureSlot, Wrap};
+
+    #[test]
+    fn pictures_keep_the_texels_that_a_view_can_show() {
+        // A square metre with the whole picture, seen from one metre: it fills the frame.
+        let corners = [[-0.5, -0.5, 0.0], [0.5, -0.5, 0.0], [0.5, 0.5, 0.0], [-0.5, 0.5, 0.0]];
+        let mut mesh = Mesh::new(corners.into(), vec![[0, 1, 2], [0, 2, 3]]);
+        mesh.texcoords[0] = Some(corners.map(|[x, y, _]| [x + 0.5, y + 0.5]).into());
+        let mut material = Material::default();
+        let reference = TextureRef { texture: 0, set: 0, transform: None, encoding: Encoding::Srgb };
+        material.textures[TextureSlot::BaseColor] = Some(reference);
+        let mut scene = Scene { cameras: vec![Camera::look_at(4.0 * Vec3::Z, Vec3::ZERO, 0.25)], ..Default::default() };
+        scene.add(mesh, material);
+        let texture = Texture { image: 0, wrap_s: Wrap::Repeat, wrap_t: Wrap::Repeat, filter: Filter::Linear };
+        let of = |side: u32, pixels: u32, camera: Option<&str>| {
+            let views = Views { size: [pixels; 2], orbits: Vec::new(), camera: camera.map(Into::into) };
+            halvings(&scene, std::slice::from_ref(&texture), &[[side; 2]], &views)[0]
+        };
+        // As near as they could be, the triangles have 1.4 texels a pixel after two halvings, and two with half of the pixels.
+        assert_eq!([512, 256, 128, 64, 4096].map(|pixels| of(4096, pixels, None)), [2, 3, 3, 3, 0]);
+        assert_eq!([of(1024, 512, None), of(512, 16, None), of(4096, 64, Some("other"))], [0, 0, 0]);
+    }
+}

@@ -403,3 +403,30 @@ fn drop_textures(scene: &mut Scene, left: &[Option<u32>]) {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use image::codecs::jpeg::JpegEncoder;
+
+    use super::*;
+
+    #[test]
+    fn a_scaled_jpeg_is_the_mean_of_its_texels() {
+        let wave = |x: u32, y: u32| image::Rgb([x * 3, y * 4, 100 + x].map(|c| c as u8));
+        let picture = image::RgbImage::from_fn(50, 40, wave);
+        let mut bytes = Vec::new();
+        JpegEncoder::new_with_quality(&mut bytes, 95).encode_image(&picture).unwrap();
+        let whole = scene::Image { width: 50, height: 40, texels: texels(picture.into()), ..Default::default() };
+        let halved = (0..2).fold(whole, |mut image, _| {
+            image.halve();
+            image
+        });
+        let (size, scaled) = scaled_jpeg(&bytes, [13, 10]).unwrap();
+        let (Texels::Rgb8(scaled), Texels::Rgb8(halved_texels)) = (scaled, halved.texels) else { panic!() };
+        assert_eq!((size, scaled.len()), ((halved.width, halved.height), halved_texels.len()));
+        let differences = scaled.as_flattened().iter().zip(halved_texels.as_flattened()).map(|(a, b)| a.abs_diff(*b));
+        // Quantisation, and texels of the picture's edge, which end in the middle of a block.
+        assert!(differences.max() <= Some(8), "{scaled:?}");
+        assert!(scaled_jpeg(&bytes[..200], [13, 10]).is_none());
+    }
+}
