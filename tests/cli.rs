@@ -429,6 +429,16 @@ fn inspect_says_what_is_there_and_what_is_left_out() {
     }
     let summary = json(&run(folder.path(), "inspect scene.glb --json").stdout);
     assert_eq!(summary["counts"]["triangles"], 1);
+    // With a map of its own no light is added.
+    std::fs::write(
+        folder.path().join("a.hdr"),
+        b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 2\n\x80\x80\x80\x81\x80\x80\x80\x81",
+    )
+    .unwrap();
+    let lit = json(&run(folder.path(), "inspect scene.glb --env a.hdr --json").stdout);
+    assert_eq!((&summary["default_light"], &lit["default_light"]), (&true.into(), &false.into()));
+    assert_eq!((&lit["environment"]["width"], &lit["environment"]["height"]), (&2.into(), &1.into()));
+    expect(folder.path(), "inspect scene.glb --env scene.glb", 65);
 }
 
 #[test]

@@ -292,7 +292,7 @@ fn a_normal_map_turns_with_its_coordinates() {
         let mut scene = Scene::default();
         scene.add(mesh, material);
         let texels = Texels::Rgb8(vec![tilted]);
-        scene.images.push(Image { name: "map".into(), width: 1, height: 1, texels }.into());
+        scene.images.push(Image { name: "map".into(), width: 1, height: 1, texels, ..Default::default() }.into());
         let (wrap_s, wrap_t, filter) = (Wrap::Repeat, Wrap::Repeat, Filter::Nearest);
         scene.textures.push(Texture { image: 0, wrap_s, wrap_t, filter });
         Geometry::new(&scene).point(&scene, Primitive { instance: 0, mesh: 0, prim: 0 }, (0.3, 0.3), 0.0).ns.normalize()

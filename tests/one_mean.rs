@@ -38,7 +38,7 @@ fn with_alpha(alpha: f32, alpha_mode: AlphaMode) -> Material {
 /// Gives the lamp a picture of two texels, which has alpha 1 where x < 0.4 and 0 elsewhere.
 fn with_picture(scene: &mut Scene, slots: &[TextureSlot]) {
     let texels = Texels::Rgba8(vec![[255; 4], [255, 255, 255, 0]]);
-    scene.images.push(Arc::new(Image { name: "two".into(), width: 2, height: 1, texels }));
+    scene.images.push(Arc::new(Image { name: "two".into(), width: 2, height: 1, texels, ..Default::default() }));
     let (wrap_s, wrap_t, filter) = (Wrap::ClampToEdge, Wrap::ClampToEdge, Filter::Nearest);
     scene.textures.push(Texture { image: 0, wrap_s, wrap_t, filter });
     let mesh = Arc::make_mut(&mut scene.meshes[1]);

@@ -319,7 +319,13 @@ fn all_balances_agree_on_a_pane_that_is_smooth_in_parts() {
     rectangle(&mut scene, 0.0, [-3.0, 3.0], [-3.0, 3.0], true, lambert(0.6));
     rectangle(&mut scene, 1.5, [-0.4, 0.4], [-0.4, 0.4], false, area_light(9.0));
     let texels = (0..4).map(|x| [0, if x < 2 { 0 } else { 255 }, 0]).collect();
-    scene.images.push(Arc::new(Image { name: "stripes".into(), width: 4, height: 1, texels: Texels::Rgb8(texels) }));
+    scene.images.push(Arc::new(Image {
+        name: "stripes".into(),
+        width: 4,
+        height: 1,
+        texels: Texels::Rgb8(texels),
+        ..Default::default()
+    }));
     let wrap = Wrap::Repeat;
     scene.textures.push(Texture { image: 0, wrap_s: wrap, wrap_t: wrap, filter: Filter::Linear });
     let mut material = Material { roughness: 0.5, ..pane() };

@@ -131,7 +131,7 @@ export interface RenderFlags {
   denoise?: "oidn" | boolean | undefined;
   /** View transform of the PNG */
   view?: "agx" | "neutral" | "aces" | "srgb" | undefined;
-  /** Exposure of the PNG in stops, or auto: the log-mean of all pixels that are not dark becomes middle grey. The value is printed and stored in the EXR header (bismar.exposure), so that other pictures of a sequence can use it */
+  /** Exposure of the PNG in stops, or auto: the log-mean of all parts that are not dark becomes middle grey. The value is printed and stored in the EXR header (bismar.exposure), so that other pictures of a sequence can use it */
   exposure?: string | number | readonly (string | number)[] | undefined;
   /** Refuse a scene with features that can only be approximated or ignored */
   strict?: boolean | undefined;

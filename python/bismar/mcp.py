@@ -10,6 +10,7 @@ import json
 import os
 import sys
 import threading
+import traceback
 from typing import Any, Callable, Dict, List, Optional, TypeVar
 
 import bismar
@@ -93,13 +94,22 @@ async def compare(a: str, b: str, layer: Optional[str] = None) -> Dict[str, Any]
     return await _work(functools.partial(bismar.compare, a, b, layer=layer))
 
 
+def _is_broken_pipe(error: BaseException) -> bool:
+    return isinstance(error, BrokenPipeError) or any(map(_is_broken_pipe, getattr(error, "exceptions", ())))
+
+
 def main() -> None:
-    """Serves until the client closes standard input; then a render that still runs is dropped."""
+    """Serves until the client is gone; then a render that still runs is dropped."""
     code = 0
     try:
         server.run("stdio")
     except KeyboardInterrupt:
         code = 130
+    except Exception as error:
+        # A client that is killed closes standard output too.
+        if not _is_broken_pipe(error):
+            traceback.print_exc()
+            code = 1
     # Threads of a render would keep the interpreter.
     sys.stderr.flush()
     os._exit(code)

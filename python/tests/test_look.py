@@ -70,7 +70,8 @@ def test_agents_look_render_and_compare(scenes, tmp_path):
     assert json.loads(again.content[1].text)["equal"] is True
 
 
-def test_a_client_that_is_gone_ends_the_server_in_the_middle_of_a_render(scenes):
+@pytest.mark.parametrize("killed", [False, True])
+def test_a_client_that_is_gone_ends_the_server_in_the_middle_of_a_render(scenes, tmp_path, killed):
     pytest.importorskip("mcp")
     call = {"name": "render", "arguments": {"scene": str(scenes / "veach.glb"), "spp": 1_000_000}}
     messages = [
@@ -80,7 +81,7 @@ def test_a_client_that_is_gone_ends_the_server_in_the_middle_of_a_render(scenes)
         {"id": 2, "method": "tools/call", "params": call},
     ]
     child = subprocess.Popen([sys.executable, "-m", "bismar.mcp"], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-                             stderr=subprocess.DEVNULL, text=True)
+                             stderr=subprocess.PIPE, text=True, cwd=tmp_path)
     for message in messages:
         child.stdin.write(json.dumps({"jsonrpc": "2.0", **message}) + "\n")
         child.stdin.flush()
@@ -92,5 +93,9 @@ def test_a_client_that_is_gone_ends_the_server_in_the_middle_of_a_render(scenes)
     while cpu() < spent + 20:
         assert child.poll() is None and time.monotonic() < began + 60
         time.sleep(0.01)
+    if killed:
+        # Its end of standard output is closed too.
+        child.stdout.close()
     child.stdin.close()
     assert child.wait(timeout=10) == 0
+    assert "Traceback" not in child.stderr.read() and not any(tmp_path.iterdir())

@@ -21,7 +21,7 @@ pub struct DevelopArgs {
     /// View transform.
     #[arg(long, value_parser = value_of::<View>(), default_value = View::Agx.name())]
     view: View,
-    /// Exposure in stops, or auto: the log-mean of all pixels that are not dark becomes middle grey. The value is printed.
+    /// Exposure in stops, or auto: the log-mean of all parts that are not dark becomes middle grey. The value is printed.
     #[arg(long, value_name = "EV", default_value_t = Exposure::Auto, allow_negative_numbers = true)]
     exposure: Exposure,
     /// Layer or channel to show instead of the beauty, such as albedo or depth.Z.
@@ -44,7 +44,7 @@ pub fn run(args: &DevelopArgs, verbosity: Verbosity) -> Result<Verdict> {
     // bismar always writes A; only pictures of --transparent are meant to be composited.
     let header = exr_file::read_header(&args.input).unwrap_or_default();
     let opaque = !header.is_empty() && text(&header, "bismar.background") != Some("transparent");
-    let exposure = args.exposure.of(picture.rgb.iter().copied());
+    let exposure = args.exposure.of(picture.colors());
     preview::write_picture(&output, &picture, opaque, Look { view: args.view, exposure }, "")?;
     if !verbosity.quiet {
         say(format_args!("{}: view {}, exposure {exposure} EV", output.display(), args.view.name()));

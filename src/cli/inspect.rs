@@ -18,7 +18,7 @@ use crate::rays::Backend;
 use crate::render::default_light::{self, OwnLight};
 use crate::render::{BackFaces, RenderSettings, clipped};
 use crate::scene::Scene;
-use crate::scene::import::{self, Note, STANDARD_INPUT, SceneFiles, Summary};
+use crate::scene::import::{self, EnvironmentFile, EnvironmentSize, Note, STANDARD_INPUT, SceneFiles, Summary};
 
 /// Print the contents of a scene, and which features are supported, approximated or ignored.
 #[derive(Debug, Args)]
@@ -27,6 +27,9 @@ pub struct InspectArgs {
     scene: PathBuf,
     #[command(flatten)]
     selection: SelectionArgs,
+    /// Environment map that the scene is to have, an equirectangular .hdr or .exr. No studio light is then added.
+    #[arg(long, value_name = "FILE")]
+    env: Option<PathBuf>,
     /// Print JSON with the complete lists.
     #[arg(long)]
     json: bool,
@@ -42,6 +45,10 @@ pub fn run(args: &InspectArgs) -> Result<Verdict> {
     let threads = rayon::current_num_threads();
     memory::check(&name, Need::of_scene(&survey, Backend::default(), threads), limit)?;
     memory::hold(limit);
+    let environment = args.env.as_deref().map(EnvironmentFile::open).transpose()?;
+    let map = environment.as_ref().map(EnvironmentFile::size);
+    // Decoded to report a fault.
+    environment.map(|file| file.decode(0.0, 1.0)).transpose()?;
     let selection = args.selection.selection();
     let imported = files.import(&selection.options(false, false))?;
     let at_rest = selection.is_posed().then(|| files.import(&selection.at_rest().options(false, false)));
@@ -52,7 +59,7 @@ pub fn run(args: &InspectArgs) -> Result<Verdict> {
     let pixels = u64::from(width) * u64::from(height);
     let need = Need {
         scene: &survey,
-        environment: None,
+        environment: map,
         settings: &RenderSettings { width, height, ..Default::default() },
         pixels,
         window_pixels: pixels,
@@ -64,15 +71,22 @@ pub fn run(args: &InspectArgs) -> Result<Verdict> {
     let render_bytes = need.bytes();
     let scene = Arc::new(imported.scene);
     let hidden = hidden_by_far_planes(&scene)?;
-    let own_light = own_light(at_rest.unwrap_or(scene))?;
+    let own_light = if map.is_none() { own_light(at_rest.unwrap_or(scene))? } else { None };
+    let environment = args.env.as_deref().zip(map).map(|(path, EnvironmentSize { width, height, .. })| Map {
+        file: path.display().to_string(),
+        width,
+        height,
+    });
     if args.json {
         let default_light = match own_light {
+            _ if map.is_some() => false,
             Some(found) => !found.is_enough(),
             None => summary.lights.is_empty() && !has_emissive(&summary) && !is_unlit(&summary),
         };
-        print_json(&Report { summary: &summary, own_light, default_light, hidden_by_zfar: &hidden, render_bytes })?
+        let hidden_by_zfar = &hidden;
+        print_json(&Report { summary: &summary, environment, own_light, default_light, hidden_by_zfar, render_bytes })?
     } else {
-        print(text(&summary, own_light, &hidden, render_bytes).trim_end())?
+        print(text(&summary, environment, own_light, &hidden, render_bytes).trim_end())?
     }
     Ok(Verdict::Done)
 }
@@ -82,6 +96,9 @@ pub fn run(args: &InspectArgs) -> Result<Verdict> {
 struct Report<'a> {
     #[serde(flatten)]
     summary: &'a Summary,
+    /// The map of `--env`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    environment: Option<Map>,
     /// What the file's own light does in the view of the first camera; absent where that is not in question.
     #[serde(skip_serializing_if = "Option::is_none")]
     own_light: Option<OwnLight>,
@@ -91,6 +108,15 @@ struct Report<'a> {
     hidden_by_zfar: &'a [f32],
     /// Estimated peak memory of a render with default settings, in bytes.
     render_bytes: u64,
+}
+
+/// An environment map.
+#[derive(Serialize)]
+struct Map {
+    file: String,
+    /// In pixels.
+    width: u64,
+    height: u64,
 }
 
 /// What the scene's own light does in the view of the first camera, where that decides whether `render` adds light.
@@ -122,7 +148,13 @@ fn is_unlit(summary: &Summary) -> bool {
 /// Rows shown of each list.
 const MAX_ROWS: usize = 12;
 
-fn text(s: &Summary, own_light: Option<OwnLight>, hidden: &[f32], render_bytes: u64) -> String {
+fn text(
+    s: &Summary,
+    environment: Option<Map>,
+    own_light: Option<OwnLight>,
+    hidden: &[f32],
+    render_bytes: u64,
+) -> String {
     let mut out = s.file.clone();
     if let Some(generator) = &s.generator {
         let _ = write!(out, "  (by {generator})");
@@ -177,6 +209,8 @@ fn text(s: &Summary, own_light: Option<OwnLight>, hidden: &[f32], render_bytes: 
         .collect();
     let emissive = s.materials.iter().filter(|m| m.features.contains(&"emissive"));
     lights.extend(emissive.map(|m| vec![m.name.clone(), "emissive".into(), format!("{} triangles", m.triangles)]));
+    lights
+        .extend(environment.map(|map| vec![map.file, "environment".into(), format!("{} x {}", map.width, map.height)]));
     if lights.is_empty() {
         lights.push(vec!["none: without --env soft studio light is added".into()]);
     }

@@ -40,7 +40,7 @@ pub struct MergeArgs {
     /// View transform of the PNG.
     #[arg(long, value_parser = value_of::<View>(), default_value = View::Agx.name())]
     view: View,
-    /// Exposure of the PNG in stops, or auto: the log-mean of all pixels that are not dark becomes middle grey.
+    /// Exposure of the PNG in stops, or auto: the log-mean of all parts that are not dark becomes middle grey.
     #[arg(long, value_name = "EV", default_value_t = Exposure::Auto, allow_negative_numbers = true)]
     exposure: Exposure,
     /// Omit the statistics from which a render could be resumed.

@@ -22,6 +22,7 @@ use std::process::ExitCode;
 use clap::{CommandFactory, Parser, Subcommand};
 
 use crate::Error;
+use crate::console::args::command_line;
 use crate::console::help::{CompletionsArgs, ManArgs, OptionsArgs};
 use crate::console::{self, Verbosity, Verdict, progress};
 use crate::job;
@@ -75,7 +76,7 @@ pub fn run() -> ExitCode {
         |cli| match &cli.command {
             Command::Render(args) => {
                 // Parsed again for the matches, which tell the flags that were given explicitly.
-                let (command, matches) = (Cli::command(), Cli::command().get_matches());
+                let (command, matches) = (Cli::command(), Cli::command().get_matches_from(command_line()));
                 let found = command.find_subcommand("render").zip(matches.subcommand_matches("render"));
                 let (command, matches) = found.ok_or_else(|| Error::Bug("no render".into()))?;
                 let mut args = args.clone();

@@ -1,9 +1,30 @@
 //! Parsers for flag values that several commands share.
 
+use std::ffi::OsString;
 use std::str::FromStr;
 
 use super::host::MAX_THREADS;
 use crate::render::settings::MAX_SIDE;
+
+/// The process's arguments. `--adaptive`, which may stand alone before a file, is joined with a choice that follows it: all
+/// choices are then written alike.
+pub fn command_line() -> Vec<OsString> {
+    joined(std::env::args_os())
+}
+
+fn joined(args: impl IntoIterator<Item = OsString>) -> Vec<OsString> {
+    let mut line: Vec<OsString> = Vec::new();
+    for arg in args {
+        match line.last_mut() {
+            Some(last) if last == "--adaptive" && ["off", "on", "auto"].iter().any(|choice| arg == *choice) => {
+                last.push("=");
+                last.push(arg);
+            }
+            _ => line.push(arg),
+        }
+    }
+    line
+}
 
 /// A number of threads, for `value_parser`.
 ///
@@ -69,6 +90,16 @@ impl FromStr for Size {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_choice_may_follow_a_flag_that_also_stands_alone() {
+        let of = |line: &str| joined(line.split(' ').map(OsString::from)).join(" ".as_ref()).into_string().unwrap();
+        assert_eq!(of("render --adaptive off a.glb"), "render --adaptive=off a.glb");
+        for same in ["render --adaptive a.glb", "render --adaptive=on auto", "render a.glb --adaptive", "--guiding off"]
+        {
+            assert_eq!(of(same), same);
+        }
+    }
 
     #[test]
     fn times_have_units_or_are_seconds() {

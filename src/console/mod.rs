@@ -58,7 +58,7 @@ pub fn run<Cli: Parser>(verbosity: impl Fn(&Cli) -> Verbosity, work: impl FnOnce
     if let Err(error) = host::check_isa().and_then(|()| memory::exit_when_exhausted()) {
         return fail(&error);
     }
-    let cli = match Cli::try_parse() {
+    let cli = match Cli::try_parse_from(args::command_line()) {
         Ok(cli) => cli,
         Err(e) => {
             // The exit code is the same if nothing can be printed.

@@ -362,7 +362,7 @@ impl RenderedPicture {
         FilmPicture {
             window: [x0, y0, x1, y1].map(i64::from),
             display: [0, 0, width, height].map(i64::from),
-            rgb: colors(&pixels).collect(),
+            rgb: colors(&pixels).1.collect(),
             variance: with_variance.then(|| each().map(|(x, y)| pixels.at(x, y).0.variance_of_mean()).collect()),
             alpha,
             displayed: false,

@@ -177,7 +177,7 @@ impl<'a> OutputWriter<'a> {
 pub fn develop_file(request: &RenderRequest, png: &Path, background: Background, mark: &str) -> Result<f32> {
     let output = &request.output;
     let mut picture = Picture::open(output, None)?;
-    let exposure = request.exposure.of(picture.rgb.iter().copied());
+    let exposure = request.exposure.of(picture.colors());
     if request.denoise.is_some() {
         picture.rgb = Picture::open(output, Some(DENOISED_LAYER))?.rgb;
     }

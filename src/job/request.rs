@@ -9,6 +9,7 @@ use crate::film::{Aov, Denoise, Exposure, View, atomic};
 use crate::rays::Backend;
 use crate::render::RenderSettings;
 use crate::render::identity::RequestedOutputs;
+use crate::scene::import::{ImportOptions, Views};
 use crate::scene::{Framing, Orbit, PlacedCamera};
 
 use super::selection::SceneSelection;
@@ -82,6 +83,9 @@ pub struct RenderRequest {
     /// Maximum bytes of memory; `None`: Slurm's limit, else the machine's memory.
     pub memory_limit: Option<u64>,
 
+    /// All that is to be seen of the scene, if that is known: large pictures are decoded no finer than these views show them.
+    pub views: Option<Views>,
+
     /// Folder that is left out of the paths in the picture's header.
     pub relative_to: Option<PathBuf>,
     /// Names and values by which this was asked for, for the picture's header; `None` if it cannot be asked for again.
@@ -121,6 +125,7 @@ impl Default for RenderRequest {
             resume: false,
             rays: Backend::Embree,
             memory_limit: None,
+            views: None,
             relative_to: None,
             given: None,
         }
@@ -157,12 +162,21 @@ impl RenderRequest {
         self.aovs.contains(&Aov::Velocity)
     }
 
+    /// Options of the import.
+    pub fn import_options(&self) -> ImportOptions {
+        ImportOptions { views: self.views.clone(), ..self.selection.options(self.strict, self.has_velocities()) }
+    }
+
     /// Text that distinguishes scenes imported differently from the same files; empty for the default import.
     pub fn import_choices(&self) -> String {
         let unit = if self.light_unit == LightUnit::Watt { ", lights in watts" } else { "" };
         let energy = if self.energy_compensation { "" } else { ", no energy compensation" };
         let velocities = if self.has_velocities() { ", velocities" } else { "" };
-        format!("{}{unit}{energy}{velocities}", self.selection.name())
+        let seen = self.views.as_ref().map(|Views { size: [width, height], camera, .. }| {
+            let camera = camera.as_deref().unwrap_or("its camera");
+            format!(", pictures as fine as {width}x{height} pixels of {camera} show")
+        });
+        format!("{}{unit}{energy}{velocities}{}", self.selection.name(), seen.unwrap_or_default())
     }
 
     /// Text that identifies a camera that is not one of the file; empty for those of the file.

@@ -48,7 +48,7 @@ fn apply_flags(request: &RenderRequest, scene: &mut Scene) {
 /// # Errors
 /// Those of the import and of the environment map.
 pub fn make_scene(request: &RenderRequest, files: Files) -> Result<Scene> {
-    let imported = files.scene.import(&request.selection.options(request.strict, request.has_velocities()))?;
+    let imported = files.scene.import(&request.import_options())?;
     drop(files.scene);
     let generator = imported.report.generator;
     let inexact = imported.report.notes.iter().filter(|n| matches!(n.kind, NoteKind::Approximated | NoteKind::Ignored));

@@ -84,6 +84,7 @@ impl SceneSelection {
             pose: seconds.map(|seconds| Pose { seconds, animation: self.animation.clone(), shutter, frame }),
             scene: self.scene_name.clone(),
             variant: self.variant.clone(),
+            views: None,
         }
     }
 

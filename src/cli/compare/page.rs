@@ -30,7 +30,7 @@ pub fn write(path: &Path, names: [&Path; 2], pictures: [&Picture; 2], c: &Compar
 /// Those of the PNG encoder.
 pub fn page(names: [&Path; 2], [a, b]: [&Picture; 2], c: &Comparison, above: &str) -> Result<String> {
     let view = if a.displayed && b.displayed { View::Srgb } else { View::Agx };
-    let exposure = if view == View::Srgb { 0.0 } else { Exposure::Auto.of(b.rgb.iter().copied()) };
+    let exposure = if view == View::Srgb { 0.0 } else { Exposure::Auto.of(b.colors()) };
     let look = Look { view, exposure };
     let [width, height] = a.size().map(|n| n as u32);
     let errors = flip_map(a, b);

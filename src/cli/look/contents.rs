@@ -6,7 +6,7 @@ use serde::Serialize;
 use serde_json::Value;
 
 use crate::scene::import::{Imported, Note, Survey, summary};
-use crate::scene::{Image, Material, Texels};
+use crate::scene::{Image, Material, StoredImage};
 use crate::{Error, Result};
 
 /// A box in world space, metres.
@@ -43,7 +43,7 @@ struct TextureRow {
     name: String,
     width: u32,
     height: u32,
-    /// BLAKE3 of the decoded texels; hexadecimal.
+    /// BLAKE3 of the picture as the file stores it; hexadecimal.
     hash: String,
 }
 
@@ -176,7 +176,7 @@ impl Contents {
             }
             what.join("; ")
         });
-        // A texture with the same texels is the same, whatever its name.
+        // A texture with the same picture is the same, whatever its name.
         let unknown = |rows: &[TextureRow], others: &[TextureRow]| {
             let unknown = rows.iter().filter(|row| !others.iter().any(|other| other.hash == row.hash));
             unknown.cloned().collect::<Vec<_>>()
@@ -185,7 +185,7 @@ impl Contents {
         let textures = [&textures[0], &textures[1]].map(|rows| by_name(rows, |row| &row.name));
         named("texture", &textures, &mut words, |old, new| {
             let size = |row: &TextureRow| format!("{} x {}", row.width, row.height);
-            format!("other texels, {}", arrow(&size(old), &size(new)))
+            format!("another picture, {}", arrow(&size(old), &size(new)))
         });
         let lights = [self, new].map(|contents| by_name(&contents.lights, |light| &light.name));
         named("light", &lights, &mut words, |old, new| {
@@ -246,26 +246,8 @@ fn arrow(old: &str, new: &str) -> String {
 }
 
 fn texture(image: &Image) -> TextureRow {
-    let Image { name, width, height, texels } = image;
-    let mut hasher = blake3::Hasher::new();
-    let (channels, bits): (u8, u8) = match texels {
-        Texels::Rgb8(_) => (3, 8),
-        Texels::Rgba8(_) => (4, 8),
-        Texels::Rgba16(_) => (4, 16),
-    };
-    hasher.update(&[channels, bits]);
-    hasher.update(&[width.to_le_bytes(), height.to_le_bytes()].concat());
-    match texels {
-        Texels::Rgb8(texels) => hasher.update_rayon(texels.as_flattened()),
-        Texels::Rgba8(texels) => hasher.update_rayon(texels.as_flattened()),
-        Texels::Rgba16(texels) => {
-            for some in texels.as_flattened().chunks(4096) {
-                hasher.update(&some.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<_>>());
-            }
-            &mut hasher
-        }
-    };
-    TextureRow { name: name.clone(), width: *width, height: *height, hash: hasher.finalize().to_hex().to_string() }
+    let StoredImage { size: [width, height], hash } = image.stored.clone();
+    TextureRow { name: image.name.clone(), width, height, hash }
 }
 
 /// Width, height and depth with three digits.

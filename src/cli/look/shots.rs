@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
+use clap::ValueEnum;
 use glam::DVec3;
 use serde_json::{Value, json};
 
@@ -17,6 +18,7 @@ use crate::film::{Exposure, Pixels, View, preview::to_byte};
 use crate::job::{Inputs, Loaded, RenderRequest, Session};
 use crate::render::{Choice, RenderSettings, RunOptions, StopReason, run};
 use crate::scene::Orbit;
+use crate::scene::import::Views;
 use crate::{Error, Result};
 
 /// Centre and radius in metres.
@@ -49,7 +51,9 @@ impl Subject {
             adaptive: off,
             ..Default::default()
         };
+        let orbits = Direction::value_variants().iter().map(|direction| direction.orbit()).collect();
         let request = RenderRequest {
+            views: Some(Views { size: [look.size.0, look.size.1], orbits, camera: None }),
             scene: scene.into(),
             selection,
             settings: RenderSettings { learned_lights: off, compensation: off, ..settings },
@@ -63,7 +67,7 @@ impl Subject {
         let threads = rayon::current_num_threads();
         let session = Session { request: &request, inputs: &inputs, threads, began: Instant::now(), replaces: false };
         session.check_memory()?;
-        let imported = inputs.lend(&request)?.scene.import(&request.selection.options(false, false))?;
+        let imported = inputs.lend(&request)?.scene.import(&request.import_options())?;
         let (contents, sphere) = (Contents::of(&imported, &inputs.scene), imported.scene.enclosing_sphere());
         Ok(Self { request, inputs, contents, sphere })
     }
@@ -209,6 +213,9 @@ pub fn hash_of(shots: &[Shot]) -> String {
 
 /// The exposure in stops of all views together, by what they show of surfaces.
 pub fn exposure_of<'a>(shots: impl Iterator<Item = &'a Shot>) -> f32 {
-    let covered = shots.flat_map(|shot| &shot.pixels).filter(|pixel| pixel[3] >= 0.5);
-    Exposure::Auto.of(covered.map(|[r, g, b, alpha]| [r, g, b].map(|x| x / alpha)))
+    let mut shots = shots.peekable();
+    let width = shots.peek().map_or(0, |shot| shot.size[0] as usize);
+    // What shows no surface does not count.
+    let color = |[r, g, b, alpha]: [f32; 4]| [r, g, b].map(|x| if alpha >= 0.5 { x / alpha } else { f32::NAN });
+    Exposure::Auto.of((width, shots.flat_map(|shot| &shot.pixels).copied().map(color)))
 }

@@ -28,7 +28,7 @@ use crate::rays::Backend;
 use crate::render::lens::{Aperture, Focus, LensSettings};
 use crate::render::{BackFaces, Balance, Choice, GlassShadows, Ground, Integrator, PixelFilter, RenderSettings};
 use crate::sampling::frame_seed;
-use crate::scene::import::STANDARD_INPUT;
+use crate::scene::import::{STANDARD_INPUT, Views};
 use crate::scene::{Orbit, PlacedCamera};
 use crate::{Error, Result};
 
@@ -178,7 +178,7 @@ pub struct RenderArgs {
     /// Adaptive sampling: a pre-pass estimates the noise of each tile of 16 x 16 pixels, and noisy tiles get more paths;
     /// --spp is the mean (docs/adaptive.md). Without effect with --noise [default: auto with --balance progressive, else
     /// off; --adaptive alone: on].
-    #[arg(long, value_parser = adaptive(), num_args = 0..=1, require_equals = true, default_missing_value = Choice::On.name(),
+    #[arg(long, value_parser = adaptive(), default_value_if("preset", "thumbnail", "off"), num_args = 0..=1, require_equals = true, default_missing_value = Choice::On.name(),
         value_name = "WHEN", help_heading = "Sampling")]
     pub adaptive: Option<Choice>,
     /// Method that sets the share of light samples and BSDF samples in multiple importance sampling (docs/balance.md).
@@ -189,7 +189,8 @@ pub struct RenderArgs {
     pub pilot: Option<f64>,
     /// Path guiding: sample directions from the light field that a pre-pass has learned (docs/guiding.md). It helps where
     /// light reaches the visible surfaces through few paths [default: auto with --balance progressive, else off].
-    #[arg(long, value_parser = value_of::<Choice>(), value_name = "WHEN", help_heading = "Sampling")]
+    #[arg(long, value_parser = value_of::<Choice>(), default_value_if("preset", "thumbnail", "off"), value_name = "WHEN",
+        help_heading = "Sampling")]
     pub guiding: Option<Choice>,
     /// Memory limit of the guiding field, such as 256M or 1G [default: 256M].
     #[arg(long, value_name = "SIZE", value_parser = parse_size, help_heading = "Sampling")]
@@ -294,7 +295,7 @@ pub struct RenderArgs {
     /// View transform of the PNG.
     #[arg(long, value_parser = value_of::<View>(), default_value = View::Agx.name(), help_heading = "Output")]
     pub view: View,
-    /// Exposure of the PNG in stops, or auto: the log-mean of all pixels that are not dark becomes middle grey. The value is
+    /// Exposure of the PNG in stops, or auto: the log-mean of all parts that are not dark becomes middle grey. The value is
     /// printed and stored in the EXR header (bismar.exposure), so that other pictures of a sequence can use it.
     #[arg(long, value_name = "EV", default_value_t = Exposure::Auto, allow_negative_numbers = true,
         help_heading = "Output")]
@@ -407,6 +408,14 @@ impl RenderArgs {
             ..RenderSettings::default()
         };
         let output = self.output();
+        let is_thumbnail = self.preset == Some(Preset::Thumbnail);
+        // Cameras around the scene, and moving ones, share one import.
+        let by_camera = self.orbit.is_none() && self.placed.is_none() && !self.is_posed();
+        let views = self.size.filter(|_| is_thumbnail && by_camera).map(|size| Views {
+            size: [size.0, size.1],
+            orbits: Vec::new(),
+            camera: self.camera.clone(),
+        });
         let Self { scene, camera, orbit, placed, size, env, env_rotate, env_strength, sky, no_env, .. } = self.clone();
         let Self { light_unit, strict, half, denoise, preview, view, exposure, stats, tev, checkpoint, .. } =
             self.clone();
@@ -416,7 +425,7 @@ impl RenderArgs {
         let request = RenderRequest {
             scene, selection, output, settings, camera, orbit, placed, size, env, env_rotate, env_strength, sky, no_env,
             light_unit, energy_compensation, strict, aovs, half, denoise, preview, view, exposure, stats, tev, checkpoint, keep,
-            on_checkpoint, resume, rays, memory_limit, relative_to, given,
+            on_checkpoint, resume, rays, memory_limit, relative_to, given, views,
         };
         Ok(request)
     }

@@ -54,7 +54,7 @@ impl Preset {
     /// The flags that it stands for.
     pub fn flags(self) -> &'static str {
         match self {
-            Self::Thumbnail => "--size 512x512 --spp 16 --aov none",
+            Self::Thumbnail => "--size 512x512 --spp 16 --aov none --adaptive off --guiding off",
             Self::Product => "--size 1024x1024 --spp 256 --ground shadow",
             Self::Final => "--size 1920x1080 --spp 1024 --checkpoint 60",
         }

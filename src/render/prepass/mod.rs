@@ -20,6 +20,7 @@ use super::techniques::{CompensationStats, TechniqueStats};
 use super::transport::transport;
 use crate::integrator::{PreparedScene, Proposal, Transport};
 use crate::light::{Density, LightProposal};
+use crate::scene::Scene;
 use guiding::GuidingLearner;
 use learned_lights::LightsLearner;
 use rounds::Learner;
@@ -40,6 +41,11 @@ impl Prepasses {
     /// rounds teach all learners. The results mean nothing if `stop` is raised: the rest then ends within a tile's time.
     pub fn run(scene: &PreparedScene, settings: &RenderSettings, stop: &AtomicBool) -> Self {
         let mut found = Self::default();
+        // Paths end at unlit surfaces, and in a scene without light they find nothing: there is nothing to sample better.
+        let Scene { instances, materials, .. } = &*scene.scene;
+        if instances.is_empty() || materials.iter().all(|material| material.unlit) || !scene.scene.is_lit() {
+            return found;
+        }
         found.compensation =
             compensation::compensation(scene, settings, &found.apply(transport(scene, settings)), stop);
         let untaught = found.apply(transport(scene, settings));

@@ -32,6 +32,8 @@ const PACKETS: [(&str, Packets); 5] = [
 ];
 /// Instruction sets that Embree can be held to.
 pub const ISAS: [&str; 4] = ["sse2", "sse4.2", "avx", "avx2"];
+/// Widths of vectors that Embree can be held to.
+const LEVELS: [&str; 2] = ["simd128", "simd256"];
 const PRESETS: [(&str, Preset); 6] = [
     ("medium", Preset::Medium),
     ("fastest", Preset::Fastest),
@@ -55,7 +57,7 @@ fn word<T: Copy + PartialEq>(list: &[(&'static str, T)], value: T) -> Option<&'s
 
 /// Contenders of a default study: each option of each library alone.
 const DEFAULT_LIST: &str = "embree+low,embree+two-level,embree+high,embree+compact,embree+robust,embree+high+robust,\
-                     embree+single,embree+x4,embree+x8,embree+x16,embree+avx2,embree+sse2,obvhs+fastest,\
+                     embree+single,embree+x4,embree+x8,embree+x16,embree+avx2,embree+sse2,embree+simd128,embree+simd256,obvhs+fastest,\
                      obvhs+very-fast,obvhs+fast,obvhs,obvhs+slow,obvhs+very-slow,obvhs+split,obvhs+slow+whole,\
                      obvhs+own-test,obvhs+bvh2+fastest,obvhs+bvh2,obvhs+bvh2+very-slow";
 /// Contenders for millions of triangles, without builds that take minutes.
@@ -117,16 +119,18 @@ impl Contender {
                 for word in words {
                     let isa = ISAS.into_iter().find(|isa| *isa == word);
                     options.isa = isa.or(options.isa);
+                    let level = LEVELS.into_iter().find(|level| *level == word);
+                    options.frequency_level = level.or(options.frequency_level);
                     options.compact |= word == "compact";
                     options.robust |= word == "robust";
-                    let known = isa.is_some() || ["compact", "robust"].contains(&word);
+                    let known = isa.is_some() || level.is_some() || ["compact", "robust"].contains(&word);
                     if !(known
                         || set(&QUALITIES, word, &mut options.quality)
                         || set(&PACKETS, word, &mut options.packets))
                     {
                         return unknown(
                             word,
-                            "low, two-level, medium, high, compact, robust, single, x4, x8, x16, sse2, sse4.2, avx, avx2",
+                            "low, two-level, medium, high, compact, robust, single, x4, x8, x16, sse2, sse4.2, avx, avx2, simd128, simd256",
                         );
                     }
                 }
@@ -164,6 +168,7 @@ impl Contender {
                     o.robust.then_some("robust"),
                     word(&PACKETS, o.packets),
                     o.isa,
+                    o.frequency_level,
                 ],
             ),
             What::Obvhs(o) => {

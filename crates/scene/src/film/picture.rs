@@ -64,4 +64,9 @@ impl Picture {
         let [x0, y0, x1, y1] = self.window;
         [(x1 - x0) as usize, (y1 - y0) as usize]
     }
+
+    /// Width in pixels, and linear RGB row by row.
+    pub fn colors(&self) -> (usize, impl Iterator<Item = [f32; 3]>) {
+        (self.size()[0], self.rgb.iter().copied())
+    }
 }

@@ -46,10 +46,10 @@ pub trait Pixels: Sync {
     fn at(&self, x: u32, y: u32) -> (PixelStats, AovSums);
 }
 
-/// Mean radiance (linear RGB) of the pixels, row by row.
-pub fn colors(pixels: &dyn Pixels) -> impl Iterator<Item = [f32; 3]> {
+/// Width of the window in pixels, and the pixels' mean radiance (linear RGB), row by row.
+pub fn colors(pixels: &dyn Pixels) -> (usize, impl Iterator<Item = [f32; 3]>) {
     let [x0, y0, x1, y1] = pixels.window();
-    (y0..y1).flat_map(move |y| (x0..x1).map(move |x| pixels.at(x, y).0.mean()))
+    ((x1 - x0) as usize, (y0..y1).flat_map(move |y| (x0..x1).map(move |x| pixels.at(x, y).0.mean())))
 }
 
 /// The statistics of a picture's window, row by row.

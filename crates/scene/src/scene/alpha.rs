@@ -109,7 +109,7 @@ mod tests {
         Scene {
             meshes: vec![mesh.into()],
             materials: vec![material],
-            images: vec![Image { name: "test".into(), width: 1, height: 1, texels }.into()],
+            images: vec![Image { name: "test".into(), width: 1, height: 1, texels, ..Default::default() }.into()],
             textures: vec![Texture { image: 0, wrap_s, wrap_t, filter }],
             ..Default::default()
         }

@@ -38,8 +38,14 @@ pub enum Texels {
     Rgba16(Vec<[u16; 4]>),
 }
 
+impl Default for Texels {
+    fn default() -> Self {
+        Self::Rgb8(Vec::new())
+    }
+}
+
 /// A decoded picture.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Image {
     /// Name or URI, for messages.
     pub name: String,
@@ -49,6 +55,17 @@ pub struct Image {
     pub height: u32,
     /// `width * height` texels.
     pub texels: Texels,
+    /// The picture as it is stored, which may have more texels.
+    pub stored: StoredImage,
+}
+
+/// A picture as a file stores it.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct StoredImage {
+    /// Width and height in texels.
+    pub size: [u32; 2],
+    /// BLAKE3 of its encoded bytes, hexadecimal.
+    pub hash: String,
 }
 
 /// A picture with a sampler.
@@ -108,6 +125,37 @@ impl Texels {
             Texels::Rgba16(t) => (0..t.len()).any(|i| self.alpha(i) < limit),
         }
     }
+}
+
+impl Image {
+    /// Replaces blocks of 2 x 2 texels by their mean, of stored values; the last ones of an odd side are smaller.
+    pub(super) fn halve(&mut self) {
+        let size = [self.width, self.height].map(|n| n as usize);
+        self.texels = match &self.texels {
+            Texels::Rgb8(texels) => Texels::Rgb8(halved(texels, size, |x| x as u8)),
+            Texels::Rgba8(texels) => Texels::Rgba8(halved(texels, size, |x| x as u8)),
+            Texels::Rgba16(texels) => Texels::Rgba16(halved(texels, size, |x| x as u16)),
+        };
+        [self.width, self.height] = [self.width.div_ceil(2), self.height.div_ceil(2)];
+    }
+}
+
+fn halved<T: Copy + Into<u32>, const N: usize>(
+    texels: &[[T; N]],
+    [width, height]: [usize; 2],
+    narrow: impl Fn(u32) -> T,
+) -> Vec<[T; N]> {
+    let mut found = Vec::with_capacity(width.div_ceil(2) * height.div_ceil(2));
+    for rows in texels.chunks(2 * width) {
+        let (upper, lower) = rows.split_at(width);
+        let lower = if lower.is_empty() { upper } else { lower };
+        found.extend(upper.chunks(2).zip(lower.chunks(2)).map(|(a, b)| {
+            let last = a.len() - 1;
+            let sum = |c: usize| a[0][c].into() + a[last][c].into() + b[0][c].into() + b[last][c].into();
+            std::array::from_fn(|c| narrow((sum(c) + 2) / 4))
+        }));
+    }
+    found
 }
 
 impl Wrap {
@@ -189,7 +237,7 @@ mod tests {
     fn scene(wrap: Wrap, filter: Filter) -> Scene {
         let texels = Texels::Rgba8(vec![[255, 0, 0, 255], [0, 255, 0, 255], [0, 0, 255, 255], [255, 255, 255, 0]]);
         Scene {
-            images: vec![Image { name: "test".into(), width: 2, height: 2, texels }.into()],
+            images: vec![Image { name: "test".into(), width: 2, height: 2, texels, ..Default::default() }.into()],
             textures: vec![Texture { image: 0, wrap_s: wrap, wrap_t: wrap, filter }],
             ..Default::default()
         }

@@ -21,8 +21,8 @@ const RATIO_WORDS: [&str; 3] = ["¼", "1: as half", "4"];
 const CROPS: usize = 4;
 const CROP_RADIUS: u32 = 4;
 
-pub(in crate::balance) fn exposure(picture: &[f32]) -> f32 {
-    automatic(picture.chunks_exact(3).map(|p| [p[0], p[1], p[2]]))
+pub(in crate::balance) fn exposure(width: u32, picture: &[f32]) -> f32 {
+    automatic((width as usize, picture.chunks_exact(3).map(|p| [p[0], p[1], p[2]])))
 }
 
 pub(in crate::balance) fn developed(width: u32, height: u32, radiance: &[f32], ev: f32) -> Picture {
@@ -33,7 +33,7 @@ pub(super) fn pictures(page: &mut Page, design: &Design, scene: &SceneResults, o
     let portrait = &scene.portrait;
     let name = &outcome.row.estimator;
     let (w, h) = (portrait.width, portrait.height);
-    let ev = exposure(portrait.clean.picture(0));
+    let ev = exposure(portrait.width, portrait.clean.picture(0));
     let shares = |values: &[f32], w, h| Picture::mapped(w, h, SHARE, values.iter().map(|&s| f64::from(s)));
     let mut pieces = vec![
         picture_figure(
@@ -74,7 +74,7 @@ pub(super) fn by_eye(page: &mut Page, design: &Design, scene: &SceneResults) -> 
     let (Some(a), Some(b)) = (scene.outcome(HALF), scene.outcome(shown)) else { return Ok(()) };
     let (name, spp) = (shown.name(), portrait.spp);
     page.heading("By eye");
-    let ev = exposure(portrait.clean.picture(0));
+    let ev = exposure(portrait.width, portrait.clean.picture(0));
     let [left, right] = [0, 1].map(|i| developed(portrait.width, portrait.height, portrait.noisy[i].picture(0), ev));
     let caption = format!("The same {spp} paths a pixel. Pull the line: `half` on its left, `{name}` on its right.");
     let mut pieces =
@@ -104,7 +104,7 @@ pub(super) fn worst_pixels(page: &mut Page, design: &Design, scene: &SceneResult
     }
     let (w, h) = (design.width, design.height);
     let reference = scene.reference.iter().map(|&x| x as f32).collect::<Vec<_>>();
-    let ev = exposure(&reference);
+    let ev = exposure(design.width, &reference);
     let all = [
         ("reference", developed(w, h, &reference, ev)),
         ("half", developed(w, h, &scene.examples[0], ev)),

@@ -150,7 +150,7 @@ fn rows(scene: &SceneResults) -> Table {
 fn pictures(page: &mut Page, design: &Design, scene: &SceneResults) -> Result<()> {
     let (w, h) = (design.width, design.height);
     let reference = scene.reference.iter().map(|&x| x as f32).collect::<Vec<_>>();
-    let ev = exposure(&reference);
+    let ev = exposure(design.width, &reference);
     let Some(half) = scene.pictures.iter().find(|p| p.estimator == HALF) else { return Ok(()) };
     let mut pieces =
         vec![picture_figure(&developed(w, h, &reference, ev), &format!("The reference, exposure {ev:+.1} EV."))?];

@@ -124,6 +124,9 @@ impl DeviceHandle {
         if let Some(isa) = &options.isa {
             config += &format!(",isa={isa}");
         }
+        if let Some(level) = &options.frequency_level {
+            config += &format!(",frequency_level={level}");
+        }
         let config = CString::new(config).unwrap_or_default();
         // SAFETY: a terminated string that the call copies.
         let device = unsafe { sys::rtcNewDevice(config.as_ptr()) };

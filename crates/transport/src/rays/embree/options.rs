@@ -7,6 +7,9 @@ pub struct EmbreeOptions {
     pub threads: usize,
     /// Instruction set: `sse2`, `sse4.2`, `avx` or `avx2`; `None` for the best of the CPU.
     pub isa: Option<&'static str>,
+    /// The widest vectors that do not lower the clock too much, `simd128` or `simd256`; `None`: as Embree decides by the processor.
+    /// It takes four-wide trees with the first (the Xeons of 2017 to 2020), eight-wide ones with the second.
+    pub frequency_level: Option<&'static str>,
     /// Build quality.
     pub quality: Quality,
     /// `RTC_SCENE_FLAG_COMPACT`: less memory at lower speed.

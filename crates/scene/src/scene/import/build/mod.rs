@@ -6,6 +6,7 @@ mod cameras;
 mod count;
 mod decode;
 mod deform;
+mod detail;
 mod geometry;
 mod lights;
 mod materials;
@@ -34,7 +35,7 @@ use crate::error::Result;
 use crate::scene::import::document::Document;
 use crate::scene::import::document::extensions::{Support, support};
 use crate::scene::import::document::primitives::Mesh as MeshOfDocument;
-use crate::scene::import::options::Pose;
+use crate::scene::import::options::{Pose, Views};
 use crate::scene::import::report::{ImportReport, Notes};
 use crate::scene::{self, Camera, Framing, Instance, Motion, Object, Scene};
 
@@ -65,6 +66,8 @@ pub struct ShownDocument<'a> {
     pub time_samples: &'a [TimeSample],
     /// Number of time samples while the shutter is open.
     pub shutter_samples: usize,
+    /// All that is to be seen; `None` if that is not known.
+    pub views: Option<&'a Views>,
 }
 
 /// Builds the scene. Reuses what `cache` holds of earlier imports, adds to the document's notes, and fills the report's
@@ -73,7 +76,7 @@ pub struct ShownDocument<'a> {
 /// # Errors
 /// Faulty elements that the shown scene needs, data that breaks the specification, memory out of proportion to the file.
 pub fn build(
-    &ShownDocument { document, posed, time_samples, shutter_samples }: &ShownDocument,
+    &ShownDocument { document, posed, time_samples, shutter_samples, views }: &ShownDocument,
     file_bytes: u64,
     cache: &ImportCache,
     mut notes: Notes,
@@ -141,10 +144,10 @@ pub fn build(
     materials.note_unused(document, &mut notes);
     textures.note_unused(document, &mut notes);
     scene.materials = materials.materials;
-    textures.decode(document, file_bytes, cache, &mut scene, &mut notes)?;
     scene.lights = flattened.lights;
     scene.cameras = flattened.cameras;
     scene.cameras.extend(framing.map(Camera::framed));
+    textures.decode(document, (file_bytes, views), cache, &mut scene, &mut notes)?;
     report.counts = count(&scene);
     for name in document.extensions.keys().cloned() {
         match support(&name) {

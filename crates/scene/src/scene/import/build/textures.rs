@@ -9,18 +9,22 @@ use std::time::Instant;
 use bytemuck::{Pod, allocation::try_cast_vec};
 use bytes::Bytes;
 use image::{ColorType, DynamicImage, ImageDecoder, ImageError, ImageFormat, ImageReader, Limits};
+use jpeg_decoder::PixelFormat;
 use rayon::prelude::*;
 use tracing::debug;
 
 use super::cache::ImportCache;
 use super::decode::basis;
+use super::detail::halvings;
 use super::reader::Budget;
 use crate::error::{Error, Result};
+use crate::guard::guarded;
 use crate::scene::import::document::Document;
 use crate::scene::import::document::images::{Image, ImageData, Sampler, Texture};
 use crate::scene::import::document::texture_info::TextureInfo;
+use crate::scene::import::options::Views;
 use crate::scene::import::report::Notes;
-use crate::scene::{self, Filter, Scene, Texels, TextureRef, TextureSlot, Wrap};
+use crate::scene::{self, Filter, Scene, StoredImage, Texels, TextureRef, TextureSlot, Wrap};
 
 /// Limits of a picture's size in texels. Larger pictures are refused before decoding.
 const MAX_TEXELS_PER_SIDE: u32 = 1 << 15;
@@ -42,14 +46,32 @@ fn stored(image: &Image, document: &Document) -> Result<Bytes> {
     }
 }
 
-/// Decodes a picture; the inner error says why it cannot be decoded.
-fn decode(image: &Image, document: &Document, format: Format) -> Result<std::result::Result<scene::Image, String>> {
+/// Decodes a picture, with sides that are halved `halvings` times; the inner error says why it cannot be decoded.
+fn decode(
+    image: &Image,
+    document: &Document,
+    (format, size, halvings): (Format, [u32; 2], u32),
+) -> Result<std::result::Result<scene::Image, String>> {
     let bytes = stored(image, document)?;
-    let Format::Image(format) = format else {
-        let Ok((width, height)) = basis::probe(&bytes) else { return Ok(Err("a damaged KTX2 picture".into())) };
-        let made = |texels| scene::Image { name: image.name.clone(), width, height, texels: eight_bits(texels) };
-        return Ok(basis::decode(&bytes).map(made));
+    let stored = StoredImage { size, hash: blake3::hash(&bytes).to_hex().to_string() };
+    let made = |(width, height), texels: Texels| {
+        let mut made = scene::Image { name: image.name.clone(), width, height, texels, stored };
+        // A scaled JPEG has fewer texels already.
+        while made.width > size[0].div_ceil(1 << halvings) {
+            made.halve();
+        }
+        made
     };
+    let Format::Image(format) = format else {
+        let Ok(size) = basis::probe(&bytes) else { return Ok(Err("a damaged KTX2 picture".into())) };
+        return Ok(basis::decode(&bytes).map(|texels| made(size, eight_bits(texels))));
+    };
+    if format == ImageFormat::Jpeg
+        && halvings > 0
+        && let Some((size, texels)) = scaled_jpeg(&bytes, size.map(|n| n.div_ceil(1 << halvings)))
+    {
+        return Ok(Ok(made(size, texels)));
+    }
     let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
     let mut limits = Limits::default();
     limits.max_image_width = Some(MAX_TEXELS_PER_SIDE);
@@ -57,9 +79,28 @@ fn decode(image: &Image, document: &Document, format: Format) -> Result<std::res
     limits.max_alloc = Some(MAX_TEXELS * 16);
     reader.limits(limits);
     Ok(reader.decode().map_err(|e| damaged(&e)).map(|picture| {
-        let (width, height) = (picture.width(), picture.height());
-        scene::Image { name: image.name.clone(), width, height, texels: texels(picture) }
+        let size = (picture.width(), picture.height());
+        made(size, texels(picture))
     }))
+}
+
+/// Decodes a JPEG by smaller inverse cosine transforms, at this size or up to twice of it. `None` if it has neither one nor three
+/// channels of 8 bits, or is damaged, which the usual decoder reports.
+fn scaled_jpeg(bytes: &[u8], [width, height]: [u32; 2]) -> Option<((u32, u32), Texels)> {
+    let decode = || -> std::result::Result<_, jpeg_decoder::Error> {
+        let mut decoder = jpeg_decoder::Decoder::new(bytes);
+        let side = |n: u32| u16::try_from(n).unwrap_or(u16::MAX);
+        let (width, height) = decoder.scale(side(width), side(height))?;
+        let texels = decoder.decode()?;
+        Ok((decoder.info().map(|info| info.pixel_format), (width.into(), height.into()), texels))
+    };
+    let (format, size, texels) = guarded("damaged", decode).ok()?;
+    let texels = match format? {
+        PixelFormat::RGB24 => grouped(texels),
+        PixelFormat::L8 => texels.iter().map(|grey| [*grey; 3]).collect(),
+        _ => return None,
+    };
+    Some((size, Texels::Rgb8(texels)))
 }
 
 /// Decoder of a picture.
@@ -259,7 +300,7 @@ impl TextureTable {
         Ok(Some(TextureRef { texture: index, set, transform: info.transform, encoding: slot.encoding() }))
     }
 
-    /// Decodes the sampled pictures that are not in `cache`, in parallel, and adds pictures and textures to `scene`. Textures
+    /// Decodes the sampled pictures that are not in `cache`, in parallel, no finer than `views` show them, and adds pictures and textures to `scene`. Textures
     /// with a damaged picture are removed from their materials.
     ///
     /// # Errors
@@ -267,7 +308,7 @@ impl TextureTable {
     pub fn decode(
         self,
         document: &Document,
-        file_bytes: u64,
+        (file_bytes, views): (u64, Option<&Views>),
         cache: &ImportCache,
         scene: &mut Scene,
         notes: &mut Notes,
@@ -276,8 +317,15 @@ impl TextureTable {
         const BASE: u64 = 1 << 30;
         const FACTOR: u64 = 256;
         let mut budget = Budget::new(BASE, FACTOR, file_bytes);
+        let size = |image: &usize| match self.probes.get(image) {
+            Some(&Probe::Readable(_, width, height, _)) => [width, height],
+            _ => [0; 2],
+        };
+        let sizes: Vec<_> = self.images.iter().map(size).collect();
+        let halvings = views.map(|views| halvings(scene, &self.textures, &sizes, views));
         let mut jobs = Vec::new();
-        for &index in &self.images {
+        for (i, &index) in self.images.iter().enumerate() {
+            let halvings = halvings.as_ref().map_or(0, |halvings| halvings[i]);
             let image = document.images.get(index)?;
             let Some(&Probe::Readable(format, width, height, bytes)) = self.probes.get(&index) else { continue };
             let count = u64::from(width) * u64::from(height);
@@ -289,15 +337,15 @@ impl TextureTable {
                 )));
             }
             budget.take(&image.at, count, bytes)?;
-            let cached = cache.images().get(&index).cloned();
-            jobs.push((index, image, format, cached));
+            let cached = cache.images().get(&(index, halvings)).cloned();
+            jobs.push(((index, halvings), image, (format, [width, height], halvings), cached));
         }
-        let one = |(_, image, format, cached): &(usize, &Image, Format, Option<Arc<scene::Image>>)| match cached {
-            Some(cached) => Ok(Ok(Arc::clone(cached))),
-            None => decode(image, document, *format).map(|decoded| decoded.map(Arc::new)),
-        };
         let start = Instant::now();
-        let decoded: Vec<_> = jobs.par_iter().map(one).collect();
+        let decoded = jobs.par_iter().map(|(_, image, how, cached)| match cached {
+            Some(cached) => Ok(Ok(Arc::clone(cached))),
+            None => decode(image, document, *how).map(|decoded| decoded.map(Arc::new)),
+        });
+        let decoded: Vec<_> = decoded.collect();
         let new = jobs.iter().filter(|(.., cached)| cached.is_none()).count();
         debug!("{new} pictures decoded: {:.3} s", start.elapsed().as_secs_f64());
         // The scene's index of each usable picture and texture.
@@ -353,5 +401,32 @@ fn drop_textures(scene: &mut Scene, left: &[Option<u32>]) {
         if mesh.tangents.is_some() && scene.materials[mesh.material as usize].tangent_set().is_none() {
             Arc::make_mut(mesh).tangents = None;
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use image::codecs::jpeg::JpegEncoder;
+
+    use super::*;
+
+    #[test]
+    fn a_scaled_jpeg_is_the_mean_of_its_texels() {
+        let wave = |x: u32, y: u32| image::Rgb([x * 3, y * 4, 100 + x].map(|c| c as u8));
+        let picture = image::RgbImage::from_fn(50, 40, wave);
+        let mut bytes = Vec::new();
+        JpegEncoder::new_with_quality(&mut bytes, 95).encode_image(&picture).unwrap();
+        let whole = scene::Image { width: 50, height: 40, texels: texels(picture.into()), ..Default::default() };
+        let halved = (0..2).fold(whole, |mut image, _| {
+            image.halve();
+            image
+        });
+        let (size, scaled) = scaled_jpeg(&bytes, [13, 10]).unwrap();
+        let (Texels::Rgb8(scaled), Texels::Rgb8(halved_texels)) = (scaled, halved.texels) else { panic!() };
+        assert_eq!((size, scaled.len()), ((halved.width, halved.height), halved_texels.len()));
+        let differences = scaled.as_flattened().iter().zip(halved_texels.as_flattened()).map(|(a, b)| a.abs_diff(*b));
+        // Quantisation, and texels of the picture's edge, which end in the middle of a block.
+        assert!(differences.max() <= Some(8), "{scaled:?}");
+        assert!(scaled_jpeg(&bytes[..200], [13, 10]).is_none());
     }
 }
