@@ -21,7 +21,7 @@ const SEES: [(&str, &[&str]); 19] = [
     ("integrator", &["scene", "rays", "light", "bsdf", "sampling", "balance", "film", "guiding"]),
     ("render", &["scene", "rays", "light", "sampling", "balance", "film", "guiding", "integrator"]),
     ("console", &["film", "render"]),
-    ("job", &["scene", "rays", "light", "film", "integrator", "render", "console"]),
+    ("job", &["scene", "rays", "light", "balance", "film", "integrator", "render", "console"]),
     ("batch", ALL),
     ("farm", ALL),
     ("cli", ALL),
@@ -338,7 +338,7 @@ fn what_only_some_rooms_may_do_is_done_there() {
 fn the_architecture_names_files_types_and_functions_that_exist() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut paths = Vec::new();
-    ["src", "crates", "study", "tests", "scripts", "lab", "examples"]
+    ["src", "crates", "study", "tests", "scripts", "lab", "examples", "python"]
         .iter()
         .for_each(|folder| walk(&root.join(folder), &mut paths));
     let text = fs::read_to_string(root.join("docs/architecture.md")).unwrap();

@@ -155,6 +155,8 @@ export interface InspectFlags {
   shutter?: string | number | readonly (string | number)[] | undefined;
   /** Number of linear motion segments while the shutter is open, 1 to 128 [default: chosen by the motion's curvature] */
   motion_steps?: number | string | undefined;
+  /** Environment map that the scene is to have, an equirectangular .hdr or .exr. No studio light is then added */
+  env?: string | undefined;
 }
 
 /** Flags of `bismar compare`, which the texts speak of. */

@@ -44,7 +44,7 @@ pub fn develop(options: &Options, input: &Path) -> Result<()> {
 /// `bismar look`: a contact sheet of a scene, or of two, and what is in them; on the current rayon pool. Nothing is written.
 ///
 /// # Errors
-/// Those of the command; [`Error::Interrupted`] soon after `stop` is raised.
+/// Those of the command; [`Error::Interrupted`](crate::Error::Interrupted) soon after `stop` is raised.
 pub fn look(options: &Options, scenes: &[PathBuf], stop: &AtomicBool) -> Result<Looked> {
     let scenes: Vec<&Path> = scenes.iter().map(PathBuf::as_path).collect();
     super::look::look(&parse::<LookArgs>("look", options, &scenes)?, &mut Paths::default(), stop)

@@ -4,7 +4,7 @@
 //! [`samples`](crate::sampling::samples) are stratified, [`keys`](crate::sampling::keys) are not; the two do not share numbers.
 
 /// Path segments that a path has at most, all counted, so that the sets of all depths are disjoint.
-pub const MAX_SEGMENTS: u32 = 1 << 15;
+pub const MAX_SEGMENTS: u32 = (1 << 15) - 1;
 
 /// Position in the pixel filter and on the lens; the key of camera rays.
 pub const CAMERA: u32 = 0;
