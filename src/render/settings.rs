@@ -101,7 +101,7 @@ pub struct RenderSettings {
     /// The light transport.
     pub integrator: Integrator,
     /// Maximum segments of a path, ≥ 1: 1 is emission alone, 2 adds direct light. Mirror-like bounces at smooth glass are not
-    /// counted ([`RayHistory::glass_bounces`](crate::integrator::data::history::RayHistory::glass_bounces)).
+    /// counted ([`RayHistory`](crate::integrator::data::history::RayHistory)).
     pub max_depth: u32,
     /// Stop at this number of paths per pixel, ≥ 1.
     pub spp: Option<u32>,

@@ -246,7 +246,7 @@ fn arrow(old: &str, new: &str) -> String {
 }
 
 fn texture(image: &Image) -> TextureRow {
-    let StoredImage { size: [width, height], hash } = image.stored.clone();
+    let StoredImage { size: [width, height], hash } = image.stored.clone().unwrap_or_default();
     TextureRow { name: image.name.clone(), width, height, hash }
 }
 

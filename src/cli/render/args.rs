@@ -178,8 +178,8 @@ pub struct RenderArgs {
     /// Adaptive sampling: a pre-pass estimates the noise of each tile of 16 x 16 pixels, and noisy tiles get more paths;
     /// --spp is the mean (docs/adaptive.md). Without effect with --noise [default: auto with --balance progressive, else
     /// off; --adaptive alone: on].
-    #[arg(long, value_parser = adaptive(), default_value_if("preset", "thumbnail", "off"), num_args = 0..=1, require_equals = true, default_missing_value = Choice::On.name(),
-        value_name = "WHEN", help_heading = "Sampling")]
+    #[arg(long, value_parser = adaptive(), default_value_if("preset", "thumbnail", "off"), num_args = 0..=1,
+        require_equals = true, default_missing_value = Choice::On.name(), value_name = "WHEN", help_heading = "Sampling")]
     pub adaptive: Option<Choice>,
     /// Method that sets the share of light samples and BSDF samples in multiple importance sampling (docs/balance.md).
     #[arg(long, value_parser = balance(), default_value = "progressive", help_heading = "Sampling")]
@@ -416,18 +416,42 @@ impl RenderArgs {
             orbits: Vec::new(),
             camera: self.camera.clone(),
         });
-        let Self { scene, camera, orbit, placed, size, env, env_rotate, env_strength, sky, no_env, .. } = self.clone();
-        let Self { light_unit, strict, half, denoise, preview, view, exposure, stats, tev, checkpoint, .. } =
-            self.clone();
-        let Self { keep, on_checkpoint, resume, rays, memory_limit, relative_to, given, .. } = self.clone();
-        let energy_compensation = self.energy_compensation == OnByDefault::On;
-        #[rustfmt::skip]
-        let request = RenderRequest {
-            scene, selection, output, settings, camera, orbit, placed, size, env, env_rotate, env_strength, sky, no_env,
-            light_unit, energy_compensation, strict, aovs, half, denoise, preview, view, exposure, stats, tev, checkpoint, keep,
-            on_checkpoint, resume, rays, memory_limit, relative_to, given, views,
-        };
-        Ok(request)
+        let args = self.clone();
+        Ok(RenderRequest {
+            scene: args.scene,
+            selection,
+            output,
+            settings,
+            camera: args.camera,
+            orbit: args.orbit,
+            placed: args.placed,
+            size: args.size,
+            env: args.env,
+            env_rotate: args.env_rotate,
+            env_strength: args.env_strength,
+            sky: args.sky,
+            no_env: args.no_env,
+            light_unit: args.light_unit,
+            energy_compensation: args.energy_compensation == OnByDefault::On,
+            strict: args.strict,
+            aovs,
+            half: args.half,
+            denoise: args.denoise,
+            preview: args.preview,
+            view: args.view,
+            exposure: args.exposure,
+            stats: args.stats,
+            tev: args.tev,
+            checkpoint: args.checkpoint,
+            keep: args.keep,
+            on_checkpoint: args.on_checkpoint,
+            resume: args.resume,
+            rays: args.rays,
+            memory_limit: args.memory_limit,
+            views,
+            relative_to: args.relative_to,
+            given: args.given,
+        })
     }
 
     /// What the command asks for, picture by picture, with the numbers of frames.

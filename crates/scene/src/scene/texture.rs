@@ -55,8 +55,9 @@ pub struct Image {
     pub height: u32,
     /// `width * height` texels.
     pub texels: Texels,
-    /// The picture as it is stored, which may have more texels.
-    pub stored: StoredImage,
+    /// The picture as it is stored, which may have more texels; of a scene that is imported for known
+    /// [`Views`](super::import::Views).
+    pub stored: Option<StoredImage>,
 }
 
 /// A picture as a file stores it.

@@ -49,7 +49,7 @@ impl Wave {
             through.visible_emission(&at, sorted, light, clients, counts);
             emission::add(&at, sorted, rays, hits, found, light, clients);
             surfaces::vertices(transport, sorted, rays, hits, vertices);
-            through.mark(transport, vertices);
+            through.histories().mark(transport, vertices);
             mixture::find_cells(transport, vertices);
 
             requests.light_samples(transport, at.depth, vertices, paths, tasks);

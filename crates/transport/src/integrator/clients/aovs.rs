@@ -2,9 +2,9 @@
 
 use glam::Vec3;
 
+use super::mirrors::{MirrorChains, facing_normal};
 use super::velocity::velocity;
 use crate::film::{AovSums, ExtraSums};
-use crate::integrator::clients::mirrors::{MirrorChains, facing_normal};
 use crate::integrator::data::context::WaveContext;
 use crate::integrator::data::queues::{LightKind, PathRays, ShadowRays};
 use crate::integrator::events::{FoundEmission, PathEvents, UnoccludedLight};

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use super::context::WaveContext;
-use crate::integrator::data::path_states::NonFiniteSamples;
+use super::path_states::NonFiniteSamples;
 
 /// Ray counts and query time of waves.
 #[derive(Debug, Clone, Copy, Default)]

@@ -18,7 +18,7 @@ pub struct RayHistory {
     flags: u8,
     /// Bounces of the path that `max_depth` does not count: light that crosses smooth glass or is mirrored by it, in scenes
     /// with bodies of it. Light needs two of them to pass a pane and four to pass a bottle.
-    pub glass_bounces: u8,
+    glass_bounces: u8,
 }
 
 /// A direction that a vertex samples.
@@ -30,15 +30,8 @@ pub struct Bounce {
     pub bsdf_pdf: f32,
     /// Does it cross the surface?
     pub beyond: bool,
-    /// Is the surface smooth glass? Read in scenes with bodies of it, and there only if [`Bounce::may_be_uncounted`].
+    /// Is the surface smooth glass? Read in scenes with bodies of it, where the direction crosses it or is a mirror image.
     pub smooth: bool,
-}
-
-impl Bounce {
-    /// Does anything depend on whether the surface is smooth glass?
-    pub fn may_be_uncounted(&self) -> bool {
-        self.beyond || self.pdf >= MIRROR_PDF
-    }
 }
 
 /// Does anything depend on the history of paths: back faces, unlit surfaces (which give no light), bodies of smooth glass?
@@ -58,7 +51,8 @@ impl RayHistory {
         if !transport.materials.has_smooth_bodies {
             return Self { flags: mirror_image, glass_bounces: 0 };
         }
-        let uncounted = bounce.smooth && bounce.may_be_uncounted() && u32::from(self.glass_bounces) < MAX_GLASS_BOUNCES;
+        let through_glass = bounce.smooth && (bounce.beyond || bounce.pdf >= MIRROR_PDF);
+        let uncounted = through_glass && u32::from(self.glass_bounces) < MAX_GLASS_BOUNCES;
         let straight = match bounce.pdf < MIRROR_PDF {
             true => AFTER_ROUGH | ROUGH,
             false if bounce.smooth && bounce.beyond && self.is_after_rough() => AFTER_ROUGH | REFRACTED,

@@ -2,8 +2,8 @@
 
 use glam::Vec3;
 
+use super::task::PixelTask;
 use crate::balance::deal;
-use crate::integrator::data::task::PixelTask;
 use crate::lanes::{LANES, U};
 
 /// A path of the wave: the samples that it takes at its first surface.

@@ -1,10 +1,10 @@
 //! The read-only input of path tracing.
 
+use super::camera::CameraRays;
+use super::dimensions::MAX_SEGMENTS;
+use super::prepared::Names;
+use super::proposal::Proposal;
 use crate::balance::{Counts, Heuristic};
-use crate::integrator::data::camera::CameraRays;
-use crate::integrator::data::dimensions::MAX_SEGMENTS;
-use crate::integrator::data::prepared::Names;
-use crate::integrator::data::proposal::Proposal;
 use crate::integrator::surface::geometry::Geometry;
 use crate::integrator::surface::geometry::SurfacePoint;
 use crate::integrator::surface::materials::Materials;

@@ -3,9 +3,9 @@
 use wide::bytemuck::cast;
 
 use super::history::MIRROR_PDF;
+use super::queues::PathIds;
+use super::transport::Transport;
 use crate::bsdf::{Bsdf, Core, Lobe, LobeSet, Parameters};
-use crate::integrator::data::queues::PathIds;
-use crate::integrator::data::transport::Transport;
 use crate::integrator::surface::shading_normal;
 use crate::lanes::{F, LANES, Rows, U, V3, V3Column, grow, load, load_bits, store, store_bits};
 

@@ -2,9 +2,9 @@
 
 use glam::Vec3;
 
+use super::{Ray, Tracer};
 use crate::integrator::data::dimensions::MAX_WALLS;
 use crate::integrator::data::transport::Transport;
-use crate::integrator::scalar::{Ray, Tracer};
 use crate::integrator::surface::materials::transmittance;
 use crate::integrator::through::back_faces::beyond;
 use crate::integrator::through::glass_shadows;

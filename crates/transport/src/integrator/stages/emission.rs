@@ -2,11 +2,11 @@
 
 use glam::Vec3;
 
+use super::eight_of;
 use crate::integrator::data::context::WaveContext;
 use crate::integrator::data::path_states::{NonFiniteSamples, PathLight, clamp_contribution};
 use crate::integrator::data::queues::{LightKind, PathRays, SortedHits};
 use crate::integrator::events::{FoundEmission, PathEvents};
-use crate::integrator::stages::eight_of;
 use crate::lanes::LANES;
 use crate::rays::HitBatch;
 

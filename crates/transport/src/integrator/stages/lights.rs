@@ -3,6 +3,9 @@
 use glam::Vec3;
 use wide::bytemuck::cast;
 
+use super::media;
+use super::mixture::Mixture;
+use super::requests::{Requests, one_per_vertex, select_environment};
 use crate::bsdf::{Core, Lobe, Parameters};
 use crate::integrator::data::context::WaveContext;
 use crate::integrator::data::dimensions;
@@ -12,9 +15,6 @@ use crate::integrator::data::requests::RequestGroup;
 use crate::integrator::data::transport::Transport;
 use crate::integrator::data::vertices::Vertices;
 use crate::integrator::events::{LightSampleGroup, PathEvents, UnoccludedLight};
-use crate::integrator::stages::media;
-use crate::integrator::stages::mixture::Mixture;
-use crate::integrator::stages::requests::{Requests, one_per_vertex, select_environment};
 use crate::lanes::{F, LANES, Survivors, U, V3, load, load_bits, mask};
 use crate::light::{LightSampleContext, LightSamples, punctual};
 use crate::sampling::{hashes, keys, samples};

@@ -1,5 +1,7 @@
 //! BSDF sampling: the next rays.
 
+use super::mixture::{Mixture, MixtureSample};
+use super::requests::Requests;
 use crate::bsdf::{Core, Lobe, Parameters};
 use crate::integrator::data::context::WaveContext;
 use crate::integrator::data::dimensions;
@@ -9,8 +11,6 @@ use crate::integrator::data::requests::RequestGroup;
 use crate::integrator::data::transport::Transport;
 use crate::integrator::data::vertices::Vertices;
 use crate::integrator::events::{PathEvents, ScatteredGroup};
-use crate::integrator::stages::mixture::{Mixture, MixtureSample};
-use crate::integrator::stages::requests::Requests;
 use crate::lanes::{F, LANES, Survivors, grow, mask, store, store_bits};
 use crate::sampling::{keys, samples};
 

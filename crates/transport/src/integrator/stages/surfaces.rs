@@ -1,11 +1,11 @@
 //! Vertices on scattering surfaces from hits.
 
+use super::eight_of;
 use crate::bsdf::Surface;
 use crate::integrator::data::dimensions;
 use crate::integrator::data::queues::{PathIds, PathRays, SortedHits};
 use crate::integrator::data::transport::Transport;
 use crate::integrator::data::vertices::{BsdfGroup, VertexGroup, Vertices};
-use crate::integrator::stages::eight_of;
 use crate::integrator::surface::dispersion;
 use crate::integrator::surface::geometry::SurfacePoint;
 use crate::lanes::{F, LANES, NUMBERS, Rows, U, V3, eight, load, load_bits};

@@ -2,8 +2,8 @@
 
 use glam::{Affine3A, Mat2, Mat3, Vec2, Vec3, Vec4};
 
+use super::materials;
 use crate::bsdf::{Anisotropy, Core, Surface};
-use crate::integrator::surface::materials;
 use crate::lanes::{F, LANES, V3, eight};
 use crate::light::AreaLights;
 use crate::sampling::warp;

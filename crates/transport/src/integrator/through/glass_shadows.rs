@@ -3,9 +3,10 @@
 //!
 //! The paths that find the same light by refraction are left out, so that no light counts twice:
 //!
-//! - A direction that a vertex samples is *rough* if its density is below [`MIRROR_PDF`](crate::integrator::data::history::MIRROR_PDF). Light samples in rough directions pass
-//!   bodies. BSDF samples in rough directions find the light that lies straight behind bodies, with MIS weights as usual,
-//!   besides that they are scattered by the body.
+//! - A direction that a vertex samples is *rough* if its density is below
+//!   [`MIRROR_PDF`](crate::integrator::data::history::MIRROR_PDF). Light samples in rough directions pass bodies. BSDF samples in
+//!   rough directions find the light that lies straight behind bodies, with MIS weights as usual, besides that they are scattered
+//!   by the body.
 //! - The emission that such a scattered path finds, once it has been refracted, is left out until it has another rough vertex,
 //!   and so are light samples in refracted directions. Paths from the camera that are refracted or mirrored only see all light.
 

@@ -13,7 +13,6 @@ use super::data::counts::{WaveCounts, timed};
 use super::data::path_states::PathLight;
 use super::data::queues::{PathRays, ShadowRays, SortedHits};
 use super::data::transport::Transport;
-use super::data::vertices::Vertices;
 use super::events::PathEvents;
 use crate::rays::HitBatch;
 use emission_rays::EmissionRays;
@@ -43,14 +42,11 @@ impl Through {
         if at.depth == 0 {
             clients.hits(at, rays, hits);
         }
-        if at.transport.materials.has_thin_walls {
-            self.passing.pass_thin_walls(at, rays, hits);
-            if at.depth == 0 {
-                clients.hits_behind_walls(at, rays, hits);
-            }
-        }
+        self.passing.pass_thin_walls(at, rays, hits);
         if at.depth > 0 {
             clients.hits(at, rays, hits);
+        } else if at.transport.materials.has_thin_walls {
+            clients.hits_behind_walls(at, rays, hits);
         }
         self.glass_shadows.find(at, rays, hits, light, clients);
     }
@@ -69,19 +65,14 @@ impl Through {
         }
     }
 
-    /// The client that keeps the histories of rays.
+    /// The histories of rays, a client.
     pub fn histories(&mut self) -> &mut Histories {
         &mut self.passing.histories
-    }
-
-    /// Marks the vertices by the histories of the rays that arrived.
-    pub fn mark(&self, transport: &Transport, vertices: &mut Vertices) {
-        self.passing.histories.mark(transport, vertices);
     }
 
     /// Tests which shadow rays are occluded, and attenuates the others by what they pass.
     pub fn occlude(&mut self, transport: &Transport, shadows: &mut ShadowRays, counts: &mut WaveCounts) {
         counts.shadow_rays += shadows.len as u64;
-        timed(counts, || self.passing.occlude(transport, shadows));
+        timed(counts, || self.passing.walls.occlude(transport, shadows));
     }
 }

@@ -4,7 +4,7 @@ use super::back_faces::BackFaces;
 use super::history::Histories;
 use super::thin_walls::ThinWalls;
 use crate::integrator::data::context::WaveContext;
-use crate::integrator::data::queues::{PathRays, ShadowRays};
+use crate::integrator::data::queues::PathRays;
 use crate::integrator::data::transport::Transport;
 use crate::rays::HitBatch;
 
@@ -14,7 +14,8 @@ pub struct Passing {
     /// Those of all rays.
     pub histories: Histories,
     back_faces: BackFaces,
-    walls: ThinWalls,
+    /// Also of shadow rays.
+    pub walls: ThinWalls,
 }
 
 impl Passing {
@@ -29,10 +30,5 @@ impl Passing {
         if at.transport.materials.has_thin_walls {
             self.walls.pass(at, rays, hits, &mut self.back_faces);
         }
-    }
-
-    /// Tests which shadow rays are occluded, and attenuates the others by what they pass.
-    pub fn occlude(&mut self, transport: &Transport, shadows: &mut ShadowRays) {
-        self.walls.occlude(transport, shadows);
     }
 }

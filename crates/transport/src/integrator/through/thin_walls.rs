@@ -7,6 +7,7 @@
 
 use glam::Vec3;
 
+use super::back_faces::{BackFaces, beyond};
 use crate::bsdf::{Bsdf, Lobe, Parameters};
 use crate::integrator::data::context::WaveContext;
 use crate::integrator::data::dimensions::{self, MAX_WALLS};
@@ -15,7 +16,6 @@ use crate::integrator::data::transport::Transport;
 use crate::integrator::surface::geometry::SurfacePoint;
 use crate::integrator::surface::materials::transmittance;
 use crate::integrator::surface::shading_normal;
-use crate::integrator::through::back_faces::{BackFaces, beyond};
 use crate::lanes::{F, LANES, U, V3, V3Column, eight};
 use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
 use crate::sampling::samples;

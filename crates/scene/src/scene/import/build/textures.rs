@@ -46,14 +46,15 @@ fn stored(image: &Image, document: &Document) -> Result<Bytes> {
     }
 }
 
-/// Decodes a picture, with sides that are halved `halvings` times; the inner error says why it cannot be decoded.
+/// Decodes a picture, with sides that are halved `halvings` times if that is known; the inner error says why it cannot be decoded.
 fn decode(
     image: &Image,
     document: &Document,
-    (format, size, halvings): (Format, [u32; 2], u32),
+    (format, size, halvings): (Format, [u32; 2], Option<u32>),
 ) -> Result<std::result::Result<scene::Image, String>> {
     let bytes = stored(image, document)?;
-    let stored = StoredImage { size, hash: blake3::hash(&bytes).to_hex().to_string() };
+    let stored = halvings.map(|_| StoredImage { size, hash: blake3::hash(&bytes).to_hex().to_string() });
+    let halvings = halvings.unwrap_or(0);
     let made = |(width, height), texels: Texels| {
         let mut made = scene::Image { name: image.name.clone(), width, height, texels, stored };
         // A scaled JPEG has fewer texels already.
@@ -300,8 +301,8 @@ impl TextureTable {
         Ok(Some(TextureRef { texture: index, set, transform: info.transform, encoding: slot.encoding() }))
     }
 
-    /// Decodes the sampled pictures that are not in `cache`, in parallel, no finer than `views` show them, and adds pictures and textures to `scene`. Textures
-    /// with a damaged picture are removed from their materials.
+    /// Decodes the sampled pictures that are not in `cache`, in parallel, no finer than `views` show them, and adds pictures and
+    /// textures to `scene`. Textures with a damaged picture are removed from their materials.
     ///
     /// # Errors
     /// The first picture, in the document's order, that is too large.
@@ -325,7 +326,7 @@ impl TextureTable {
         let halvings = views.map(|views| halvings(scene, &self.textures, &sizes, views));
         let mut jobs = Vec::new();
         for (i, &index) in self.images.iter().enumerate() {
-            let halvings = halvings.as_ref().map_or(0, |halvings| halvings[i]);
+            let halvings = halvings.as_ref().map(|halvings| halvings[i]);
             let image = document.images.get(index)?;
             let Some(&Probe::Readable(format, width, height, bytes)) = self.probes.get(&index) else { continue };
             let count = u64::from(width) * u64::from(height);
@@ -337,8 +338,9 @@ impl TextureTable {
                 )));
             }
             budget.take(&image.at, count, bytes)?;
-            let cached = cache.images().get(&(index, halvings)).cloned();
-            jobs.push(((index, halvings), image, (format, [width, height], halvings), cached));
+            let key = (index, halvings.unwrap_or(0));
+            let cached = cache.images().get(&key).cloned();
+            jobs.push((key, image, (format, [width, height], halvings), cached));
         }
         let start = Instant::now();
         let decoded = jobs.par_iter().map(|(_, image, how, cached)| match cached {
