@@ -51,6 +51,7 @@ mod mutations;
 mod one_mean;
 mod openjd;
 mod path_events;
+mod path_reuse;
 mod paths;
 mod pictures;
 mod rays;

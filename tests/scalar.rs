@@ -76,7 +76,7 @@ fn each_path_of_a_wave_is_the_scalar_path() {
         // Camera rays for emission in two of three pixels.
         let emission_rays = EmissionRayCounts::new(20, (0..300).map(|i| [1, 4, 2][i % 3]).collect());
         let emission_rays = Some(&emission_rays).filter(|_| max_depth > 5);
-        let transport = Transport { proposal: Proposal { lights, field, emission_rays }, ..unguided };
+        let transport = Transport { proposal: Proposal { lights, field, emission_rays, reuse: None }, ..unguided };
         let paths = 24;
         // Uneven sample counts, allocated to environment and area lights, with MIS weights of other counts.
         let counts = Counts::from_shares(Shares { light_share: 0.7, environment_share: Some(0.4) }, paths);

@@ -19,7 +19,7 @@ use super::transport::{pass_seed, transport};
 use super::{RenderSettings, RenderStats, Saved, StopReason, StudyOptions};
 use crate::Result;
 use crate::film::Background;
-use crate::integrator::{PreparedScene, Proposal, Transport};
+use crate::integrator::{PreparedScene, Proposal, Transport, reuse};
 use crate::scene::Scene;
 
 /// How to run a render, besides its settings.
@@ -133,7 +133,14 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
     let allocation_start = Instant::now();
     let allocation = if unfinished { Allocation::new(&transport, settings, stop) } else { None };
     let emission_rays = allocation.as_ref().and_then(Allocation::emission_rays);
-    let transport = Transport { proposal: Proposal { emission_rays, ..transport.proposal }, ..transport };
+    let possible = reuse::is_possible(&transport);
+    if settings.path_reuse.is_some() && !possible {
+        warn!(
+            "path re-use: nothing is shared in scenes with motion, blended alpha, glass or absorption, nor with a clamp"
+        );
+    }
+    let reuse = settings.path_reuse.filter(|_| possible);
+    let transport = Transport { proposal: Proposal { emission_rays, reuse, ..transport.proposal }, ..transport };
     let allocation_seconds = allocation_start.elapsed().as_secs_f64();
     let adaptive =
         allocation.as_ref().map(|a| AdaptiveStats { efficiency: a.efficiency(), seconds: allocation_seconds });

@@ -45,6 +45,10 @@ pub fn replay(
         let (width, height) = (settings.width, settings.height);
         return Err(Error::Usage(format!("pixel {x},{y} is not inside the picture of {width}x{height} pixels")));
     }
+    if settings.path_reuse.is_some() {
+        let why = "a path of a picture with path re-use finds light for other pixels: there is none to replay";
+        return Err(Error::Usage(why.into()));
+    }
     let never = AtomicBool::new(false);
     let prepasses = Prepasses::run(scene, settings, &never);
     let mut transport = prepasses.apply(transport(scene, settings));

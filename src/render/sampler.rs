@@ -222,19 +222,12 @@ impl Tracer {
         watch: &mut dyn FnMut(&PixelTask),
     ) {
         let Self { wave, tasks, aovs, contributions, ground } = self;
-        let mut start = 0;
-        while start < counts.len() {
-            // Whole pixels, as many as fit, at least one.
-            let mut paths = 0;
-            let fits = |c: &&Counts| {
-                paths += c.paths;
-                paths <= PATHS_PER_WAVE
-            };
-            let end = start + counts[start..].iter().take_while(fits).count().max(1);
+        for Part { pixels: range, paths: [from, to] } in parts(counts, transport.proposal.reuse.is_some()) {
+            let std::ops::Range { start, end } = range;
             tasks.clear();
             let pixels = tile.pixels[start..end].iter_mut().zip(&tile.stats[start..end]);
             for (i, (pixel, stats)) in (start..end).zip(pixels) {
-                let counts = counts[i];
+                let counts = counts[i].of_paths(from, to);
                 tasks.push(PixelTask {
                     x: pixel.x,
                     y: pixel.y,
@@ -263,9 +256,40 @@ impl Tracer {
             let ground =
                 transport.ground.zip(sums).map(|(height, sums)| Ground { height, sums, columns: &mut *ground });
             wave.run(transport, tasks, &mut ((pixels, ground), aovs, contributions));
-            start = end;
         }
     }
+}
+
+/// What a wave traces.
+struct Part {
+    pixels: std::ops::Range<usize>,
+    /// The paths of each pixel, from and to these numbers.
+    paths: [u32; 2],
+}
+
+/// The waves of a tile: whole pixels, as many as fit, at least one. Where pixels `share` what their paths find, all pixels, and as
+/// many of their paths as fit.
+fn parts(counts: &[Counts], share: bool) -> Vec<Part> {
+    if share {
+        let most = counts.iter().map(|counts| counts.paths).max().unwrap_or(0);
+        let step = (PATHS_PER_WAVE / counts.len().max(1) as u32).max(1);
+        return (0..most)
+            .step_by(step as usize)
+            .map(|from| Part { pixels: 0..counts.len(), paths: [from, from + step] })
+            .collect();
+    }
+    let (mut parts, mut start) = (Vec::new(), 0);
+    while start < counts.len() {
+        let mut paths = 0;
+        let fits = |c: &&Counts| {
+            paths += c.paths;
+            paths <= PATHS_PER_WAVE
+        };
+        let end = start + counts[start..].iter().take_while(fits).count().max(1);
+        parts.push(Part { pixels: start..end, paths: [0, u32::MAX] });
+        start = end;
+    }
+    parts
 }
 
 /// Reweights a pilot, which has one light sample and one BSDF sample per path, to each pixel's `total` counts.

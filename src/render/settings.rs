@@ -12,6 +12,7 @@ use super::names::{Values, variant_name};
 use super::tile::Columns;
 use crate::balance::DEFAULT_PILOT_FRACTION;
 pub use crate::balance::{Balance, CustomMethod};
+use crate::integrator::Reuse;
 pub use crate::sampling::PixelFilter;
 
 /// Default maximum bytes of a guiding field and its training samples.
@@ -159,6 +160,9 @@ pub struct RenderSettings {
     /// What shadow rays do at bodies of smooth glass.
     #[serde(default, skip_serializing_if = "GlassShadows::is_off")]
     pub glass_shadows: GlassShadows,
+    /// How pixels share what their paths find; `None`: they do not.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub path_reuse: Option<Reuse>,
     /// Does the camera see only what lies between its clipping planes?
     #[serde(default = "yes", skip_serializing_if = "Clone::clone")]
     pub clip: bool,
@@ -237,6 +241,7 @@ impl RenderSettings {
             back_faces,
             clip,
             glass_shadows,
+            path_reuse,
             ground,
             // Parts have the bits of the whole.
             part: _,
@@ -273,6 +278,9 @@ impl RenderSettings {
         }
         if *glass_shadows != GlassShadows::Off {
             insert("glass-shadows", variant_name(glass_shadows));
+        }
+        if let Some(reuse) = path_reuse {
+            insert("path-reuse", reuse.to_string());
         }
         if *ground != Ground::None {
             insert("ground", variant_name(ground));
@@ -394,6 +402,7 @@ impl Default for RenderSettings {
             back_faces: BackFaces::Cull,
             clip: true,
             glass_shadows: GlassShadows::Off,
+            path_reuse: None,
             ground: Ground::None,
             part: None,
         }

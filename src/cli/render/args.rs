@@ -22,6 +22,7 @@ use crate::console::tev;
 use crate::farm::{PathMapping, utf8};
 use crate::film::denoise::Denoiser;
 use crate::film::{Aov, Denoise, Exposure, View, preview};
+use crate::integrator::Reuse;
 use crate::job::memory::parse_size;
 use crate::job::{LightUnit, RenderRequest};
 use crate::rays::Backend;
@@ -125,6 +126,12 @@ pub struct RenderArgs {
     #[arg(long, value_parser = value_of::<GlassShadows>(), default_value = GlassShadows::Off.name(), value_name = "HOW",
         help_heading = "Light")]
     pub glass_shadows: GlassShadows,
+    /// Path re-use: N pixels of a tile share what their paths find at second surfaces, by the balance heuristic; with N:M, M of N
+    /// paths go on from there, for all. It pays where most light arrives by other surfaces. The errors of neighbouring pixels are
+    /// then related. Not in scenes with motion, blended alpha, glass or absorption, and not with --clamp-indirect: there nothing
+    /// is shared.
+    #[arg(long, value_name = "N[:M]", help_heading = "Sampling")]
+    pub path_reuse: Option<Reuse>,
     /// Environment map: an equirectangular .hdr or .exr.
     #[arg(long, value_name = "FILE", group = "infinite", help_heading = "Light")]
     pub env: Option<PathBuf>,
@@ -403,6 +410,7 @@ impl RenderArgs {
             back_faces: self.back_faces,
             clip: !self.no_clip,
             glass_shadows: self.glass_shadows,
+            path_reuse: self.path_reuse,
             ground: self.ground,
             part: self.part_flag.map(|flag| flag.part),
             ..RenderSettings::default()

@@ -71,6 +71,18 @@ impl Counts {
         }
     }
 
+    /// The counts of the paths `from..to` of these, as [`deal`] deals them.
+    pub fn of_paths(self, from: u32, to: u32) -> Self {
+        let (from, to) = (from.min(self.paths), to.min(self.paths));
+        let until = |n: u32, path: u32| path * (n / self.paths) + path.min(n % self.paths);
+        let dealt = |n: u32| if self.paths > 0 { until(n, to) - until(n, from) } else { 0 };
+        let toward = |environment: u32, path: u32| {
+            (u64::from(environment) * u64::from(until(self.light, path)) / u64::from(self.light.max(1))) as u32
+        };
+        let environment = self.environment.map(|all| toward(all, to) - toward(all, from));
+        Self { light: dealt(self.light), environment, bsdf: dealt(self.bsdf), paths: to - from }
+    }
+
     /// Light samples per path: a_l = n_l/N.
     #[inline]
     pub fn light_per_path(self) -> f32 {

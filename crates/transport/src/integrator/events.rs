@@ -74,6 +74,19 @@ pub struct UnoccludedLight {
     pub scale: f32,
 }
 
+/// Light that a first surface borrowed for one of its BSDF samples ([`reuse`](crate::integrator::reuse)).
+#[derive(Debug, Clone, Copy)]
+pub struct BorrowedLight {
+    /// Index of the path in the wave.
+    pub path: u32,
+    /// Index of the BSDF sample in the pixel's sequence.
+    pub index: u32,
+    /// What it adds to the path, linear RGB.
+    pub radiance: Vec3,
+    /// The same by [`LightKind`].
+    pub by_kind: [Vec3; 3],
+}
+
 /// Receives what happens to the paths of a wave. Events come in a fixed order, and in that of the functions here at each depth.
 /// A client keeps columns of its own by path, by number of a ray ([`PathRays::first`]), or by row of a shadow ray.
 #[expect(unused_variables, reason = "the parameters' names are documentation")]
@@ -112,6 +125,10 @@ pub trait PathEvents {
     /// A shadow ray has found light; punctual lights are among them.
     #[inline]
     fn unoccluded(&mut self, at: &WaveContext, shadows: &ShadowRays, found: &UnoccludedLight) {}
+
+    /// A first surface has borrowed light.
+    #[inline]
+    fn borrowed(&mut self, at: &WaveContext, light: &BorrowedLight) {}
 
     /// All paths have ended; `radiance` is theirs, linear RGB.
     #[inline]
@@ -166,6 +183,11 @@ macro_rules! pass_on {
         #[inline]
         fn unoccluded(&mut $self, at: &WaveContext, shadows: &ShadowRays, found: &UnoccludedLight) {
             $($clients.for_each(|client| client.unoccluded(at, shadows, found));)*
+        }
+
+        #[inline]
+        fn borrowed(&mut $self, at: &WaveContext, light: &BorrowedLight) {
+            $($clients.for_each(|client| client.borrowed(at, light));)*
         }
 
         #[inline]

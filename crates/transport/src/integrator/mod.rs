@@ -1,11 +1,12 @@
 //! Wavefront path tracing: a batch of paths is advanced by stages between ray queries ([`wave`]). Each folder imports only
-//! those listed before it: [`surface`], [`data`], [`events`], [`stages`], [`through`], [`clients`]. [`scalar`] traces single
+//! those listed before it: [`surface`], [`data`], [`events`], [`stages`], [`through`], [`clients`], [`reuse`]. [`scalar`] traces single
 //! paths as a reference.
 
 pub mod clients;
 pub mod data;
 pub mod events;
 pub mod guides;
+pub mod reuse;
 pub mod scalar;
 pub mod stages;
 pub mod surface;
@@ -17,7 +18,7 @@ pub use data::camera::CameraRays;
 pub use data::context::WaveContext;
 pub use data::counts::WaveCounts;
 pub use data::prepared::{Names, PreparedScene};
-pub use data::proposal::{EmissionRayCounts, Proposal};
+pub use data::proposal::{EmissionRayCounts, Proposal, Reuse};
 pub use data::task::PixelTask;
 pub use data::transport::Transport;
 pub use events::PathEvents;

@@ -9,6 +9,7 @@ use super::data::task::PixelTask;
 use super::data::transport::Transport;
 use super::data::vertices::Vertices;
 use super::events::{FoundEmission, PathEvents};
+use super::reuse::{Lending, PathLight};
 use super::stages::requests::Requests;
 use super::stages::{camera_rays, emission, lights, media, mixture, scatter, sort, surfaces};
 use super::through::Through;
@@ -27,6 +28,7 @@ pub struct Wave {
     shadows: ShadowRays,
     path_states: PathStates,
     through: Through,
+    lending: Lending,
     /// Totals over all waves so far.
     pub counts: WaveCounts,
 }
@@ -34,39 +36,42 @@ pub struct Wave {
 impl Wave {
     /// Traces the paths of the pixels' tasks, in a fixed order, and tells `clients` what happens to them.
     pub fn run<E: PathEvents>(&mut self, transport: &Transport, tasks: &[PixelTask], clients: &mut E) {
-        let Self { rays, next_rays, hits, sorted, found, vertices, requests, shadows, path_states, through, counts } =
-            self;
+        let Self { rays, next_rays, hits, sorted, found, vertices, requests, shadows, path_states, .. } = self;
+        let Self { through, lending, counts, .. } = self;
         path_states.start_paths(tasks, transport.proposal.lights.environment_probability);
-        let PathStates { paths, light } = path_states;
+        let PathStates { paths, radiance, non_finite } = path_states;
         camera_rays::begin(transport, tasks, rays);
         let mut at = WaveContext { transport, tasks, paths, depth: 0 };
-        (&mut *clients, through.histories()).begin(&at);
+        let light = &mut PathLight { radiance, lending, clients };
+        (&mut *light, through.histories()).begin(&at);
         while at.depth < transport.longest_path() && rays.len > 0 {
             trace(&at, rays, hits, counts);
-            through.resolve(&at, rays, hits, light, clients);
+            through.resolve(&at, rays, hits, non_finite, light);
             sort::sort(transport, at.depth, rays, hits, sorted);
             media::attenuate(transport, at.depth, rays, hits);
-            through.visible_emission(&at, sorted, light, clients, counts);
-            emission::add(&at, sorted, rays, hits, found, light, clients);
+            through.visible_emission(&at, sorted, non_finite, light, counts);
+            emission::find(&at, sorted, rays, hits, found, non_finite, light);
             surfaces::vertices(transport, sorted, rays, hits, vertices);
+            light.lending.lend(&at, rays, vertices);
             through.histories().mark(transport, vertices);
             mixture::find_cells(transport, vertices);
 
             requests.light_samples(transport, at.depth, vertices, paths, tasks);
-            lights::sample(&at, vertices, requests, &mut light.non_finite, shadows, clients);
+            lights::sample(&at, vertices, requests, non_finite, shadows, light);
             requests.bsdf_samples(at.depth, vertices, paths);
             let next = (rays.next_number(), &mut *next_rays);
-            let events = &mut (&mut *clients, through.histories());
-            scatter::sample(&at, vertices, requests, &mut light.non_finite, next, events);
+            let events = &mut (&mut *light, through.histories());
+            scatter::sample(&at, vertices, requests, non_finite, next, events);
             if shadows.len > 0 {
                 through.occlude(transport, shadows, counts);
-                lights::add_unoccluded(&at, shadows, &mut light.radiance, clients);
+                lights::unoccluded(&at, shadows, light);
             }
+            light.lending.keep(&at, vertices);
             std::mem::swap(rays, next_rays);
             at.depth += 1;
         }
-        clients.end(&at, &light.radiance);
-        counts.add_not_finite(&at, &light.non_finite);
+        light.end(&at, counts, non_finite);
+        counts.add_not_finite(&at, non_finite);
     }
 }
 

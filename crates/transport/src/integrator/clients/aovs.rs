@@ -7,7 +7,7 @@ use super::velocity::velocity;
 use crate::film::{AovSums, ExtraSums};
 use crate::integrator::data::context::WaveContext;
 use crate::integrator::data::queues::{LightKind, PathRays, ShadowRays};
-use crate::integrator::events::{FoundEmission, PathEvents, UnoccludedLight};
+use crate::integrator::events::{BorrowedLight, FoundEmission, PathEvents, UnoccludedLight};
 use crate::rays::{HitBatch, MISS};
 
 /// Adds paths to the AOVs of their pixels, one entry per task in each slice.
@@ -71,6 +71,12 @@ impl PathEvents for Aovs<'_> {
         }
         if at.depth == 0 {
             self.add_direct(path, found.radiance);
+        }
+    }
+
+    fn borrowed(&mut self, at: &WaveContext, light: &BorrowedLight) {
+        if let Some(extras) = self.extras.get_mut(at.pixel(light.path)) {
+            light.by_kind.iter().enumerate().for_each(|(kind, radiance)| extras.add_light(kind, *radiance));
         }
     }
 

@@ -8,7 +8,9 @@ use crate::integrator::data::dimensions::AREA_LIGHT_INDEX;
 use crate::integrator::data::queues::{LightKind, PathRays, ShadowRays};
 use crate::integrator::data::requests::{LightTarget, RequestGroup};
 use crate::integrator::data::vertices::Vertices;
-use crate::integrator::events::{FoundEmission, LightSampleGroup, PathEvents, ScatteredGroup, UnoccludedLight};
+use crate::integrator::events::{
+    BorrowedLight, FoundEmission, LightSampleGroup, PathEvents, ScatteredGroup, UnoccludedLight,
+};
 use crate::lanes::{F, U, V3, grow, load_bits, store, store_bits};
 
 /// Reports contributions at first surfaces, and the radiance of paths, to an observer.
@@ -137,6 +139,11 @@ impl PathEvents for Contributions<'_> {
                 self.notify(at, shadows.path[row], contribution);
             }
         }
+    }
+
+    fn borrowed(&mut self, _at: &WaveContext, light: &BorrowedLight) {
+        let BorrowedLight { path, index, radiance, .. } = *light;
+        self.columns.sub_paths.push(SubPath { path, index, indirect: radiance });
     }
 
     fn end(&mut self, at: &WaveContext, radiance: &[Vec3]) {

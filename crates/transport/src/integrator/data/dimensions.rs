@@ -31,6 +31,9 @@ pub fn roulette(depth: u32) -> u32 {
     (1 << 30) + depth
 }
 
+/// Keys of the groups of path re-use.
+pub const REUSE: u32 = u32::MAX - 2;
+
 /// Sets of a ray's choices at thin walls.
 const WALL_SETS: u32 = 64;
 /// Choices of a ray at thin walls.
@@ -60,7 +63,7 @@ mod tests {
         let samples = depths().flat_map(|depth| [light(depth), bsdf(depth)]).chain([CAMERA, TIME, CHANNEL]);
         let samples: Vec<_> = samples.chain(wall_sets).collect();
         let keys: Vec<_> = depths().flat_map(|depth| [light(depth), bsdf(depth), roulette(depth)]).collect();
-        for sets in [samples, [keys, vec![CAMERA]].concat()] {
+        for sets in [samples, [keys, vec![CAMERA, REUSE]].concat()] {
             assert_eq!(sets.iter().collect::<HashSet<_>>().len(), sets.len());
         }
     }

@@ -56,22 +56,15 @@ pub fn clamp_contribution(radiance: Vec3, limit: f32) -> (Vec3, f32) {
     if peak > limit { (radiance * (limit / peak), limit / peak) } else { (radiance, 1.0) }
 }
 
-/// The light that the paths of a wave have found.
-#[derive(Debug, Default)]
-pub struct PathLight {
-    /// By path, its radiance so far, linear RGB.
-    pub radiance: Vec<Vec3>,
-    /// Discarded samples.
-    pub non_finite: NonFiniteSamples,
-}
-
 /// The paths of a wave, with their light.
 #[derive(Debug, Default)]
 pub struct PathStates {
     /// The paths, pixel by pixel.
     pub paths: Vec<PathState>,
-    /// What they have found.
-    pub light: PathLight,
+    /// By path, its radiance so far, linear RGB.
+    pub radiance: Vec<Vec3>,
+    /// Discarded samples.
+    pub non_finite: NonFiniteSamples,
 }
 
 impl PathStates {
@@ -79,7 +72,7 @@ impl PathStates {
     /// of [`LightProposal`](crate::light::LightProposal).
     pub fn start_paths(&mut self, tasks: &[PixelTask], environment_probability: f32) {
         self.paths.clear();
-        self.light.non_finite = NonFiniteSamples::default();
+        self.non_finite = NonFiniteSamples::default();
         for (pixel, task) in tasks.iter().enumerate() {
             let (mut first_light, mut first_bsdf) = (task.first_light, task.first_bsdf);
             let samples_per_path = task.weighed.samples_per_path(environment_probability);
@@ -98,7 +91,7 @@ impl PathStates {
                 first_bsdf += u32::from(bsdf);
             }
         }
-        self.light.radiance.clear();
-        self.light.radiance.resize(self.paths.len(), Vec3::ZERO);
+        self.radiance.clear();
+        self.radiance.resize(self.paths.len(), Vec3::ZERO);
     }
 }

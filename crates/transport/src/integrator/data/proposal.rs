@@ -1,5 +1,10 @@
 //! What paths are sampled by.
 
+use std::fmt;
+use std::str::FromStr;
+
+use serde::{Deserialize, Serialize};
+
 use crate::guiding::Field;
 use crate::light::{LightProposal, Lights};
 
@@ -13,12 +18,33 @@ pub struct Proposal<'a> {
     pub field: Option<&'a Field>,
     /// Camera rays per path for emission that the camera sees directly: these, or the path's own.
     pub emission_rays: Option<&'a EmissionRayCounts>,
+    /// How first surfaces share what their paths find ([`reuse`](crate::integrator::reuse)), if they do.
+    pub reuse: Option<Reuse>,
+}
+
+/// Sizes of path re-use.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Reuse {
+    /// Number N of BSDF samples that form a group, from 2 to [`Reuse::MAX_GROUP`].
+    pub group: u32,
+    /// How many of these go on from the second surface, from 1 to N.
+    pub traced: u32,
+}
+
+impl Reuse {
+    /// Largest group.
+    pub const MAX_GROUP: u32 = 64;
+
+    /// How many samples of a group of `members` go on: the same share, at least one.
+    pub fn traced_of(self, members: usize) -> usize {
+        (members * self.traced as usize).div_ceil(self.group as usize).max(1)
+    }
 }
 
 impl<'a> Proposal<'a> {
     /// The proposal without anything learned.
     pub fn new(lights: &Lights) -> Self {
-        Self { lights: lights.proposal(), field: None, emission_rays: None }
+        Self { lights: lights.proposal(), field: None, emission_rays: None, reuse: None }
     }
 
     /// This proposal with another guiding field, or none.
@@ -29,6 +55,30 @@ impl<'a> Proposal<'a> {
     /// Does a guiding field set the roulette probabilities of light samples and of path continuation beyond first surfaces?
     pub(in crate::integrator) fn has_roulette(&self) -> bool {
         self.field.is_some_and(Field::has_roulette)
+    }
+}
+
+impl fmt::Display for Reuse {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match self.traced == self.group {
+            true => write!(f, "{}", self.group),
+            false => write!(f, "{}:{}", self.group, self.traced),
+        }
+    }
+}
+
+impl FromStr for Reuse {
+    type Err = String;
+
+    /// Parses `N` or `N:M`.
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (group, traced) = text.split_once(':').unwrap_or((text, text));
+        match (group.parse(), traced.parse()) {
+            (Ok(group @ 2..=Self::MAX_GROUP), Ok(traced)) if (1..=group).contains(&traced) => {
+                Ok(Self { group, traced })
+            }
+            _ => Err(format!("N or N:M with 2 <= N <= {} and 1 <= M <= N", Self::MAX_GROUP)),
+        }
     }
 }
 

@@ -40,6 +40,8 @@ pub struct Vertices {
     pub guiding: Option<GuidingColumns>,
     /// All bits set if the path has had a rough vertex; empty where shadow rays do not pass bodies of glass.
     pub after_rough: Vec<u32>,
+    /// Do the paths end here? Empty where none does.
+    pub ended: Vec<bool>,
     /// Times in [0, 1] of the shutter interval; empty where nothing moves.
     time: Vec<f32>,
     len: usize,

@@ -4,29 +4,26 @@ use glam::Vec3;
 
 use super::eight_of;
 use crate::integrator::data::context::WaveContext;
-use crate::integrator::data::path_states::{NonFiniteSamples, PathLight, clamp_contribution};
+use crate::integrator::data::path_states::{NonFiniteSamples, clamp_contribution};
 use crate::integrator::data::queues::{LightKind, PathRays, SortedHits};
 use crate::integrator::events::{FoundEmission, PathEvents};
 use crate::lanes::LANES;
 use crate::rays::HitBatch;
 
-/// Adds the emission that rays found to the radiance of their paths. `found` is scratch space.
-pub fn add<E: PathEvents>(
+/// Finds the emission at the end of rays, and tells `events`. `found` is scratch space.
+pub fn find<E: PathEvents>(
     at: &WaveContext,
     sorted: &SortedHits,
     rays: &PathRays,
     hits: &HitBatch,
     found: &mut Vec<FoundEmission>,
-    light: &mut PathLight,
+    non_finite: &mut NonFiniteSamples,
     events: &mut E,
 ) {
     found.clear();
-    emissive_surfaces(at, &sorted.emissive, rays, hits, &mut light.non_finite, found);
-    environment(at, &sorted.escaped, rays, &mut light.non_finite, found);
-    for found in found {
-        light.radiance[rays.path[found.ray as usize] as usize] += found.radiance;
-        events.emission(at, rays, found);
-    }
+    emissive_surfaces(at, &sorted.emissive, rays, hits, non_finite, found);
+    environment(at, &sorted.escaped, rays, non_finite, found);
+    found.iter().for_each(|found| events.emission(at, rays, found));
 }
 
 /// Finds the emission of the surfaces that the rays `emissive` hit.

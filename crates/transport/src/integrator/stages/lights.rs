@@ -1,6 +1,5 @@
 //! Light sampling: shadow rays with their contributions.
 
-use glam::Vec3;
 use wide::bytemuck::cast;
 
 use super::media;
@@ -47,15 +46,13 @@ pub fn sample<E: PathEvents>(
     shadows.close();
 }
 
-/// Adds the contributions of shadow rays that are not occluded, clamped, to the radiance of their paths.
-pub fn add_unoccluded<E: PathEvents>(at: &WaveContext, shadows: &ShadowRays, radiance: &mut [Vec3], events: &mut E) {
+/// Tells `events` of the contributions of shadow rays that are not occluded, clamped.
+pub fn unoccluded<E: PathEvents>(at: &WaveContext, shadows: &ShadowRays, events: &mut E) {
     let limit = at.transport.limits[(at.depth > 0) as usize];
-    let owners = shadows.path.iter().zip(&shadows.occluded[..shadows.len]).enumerate();
-    for (row, (&path, _)) in owners.filter(|(_, (_, occluded))| !**occluded) {
-        let (added, scale) = clamp_contribution(shadows.radiance.get(row), limit);
-        radiance[path as usize] += added;
+    for (row, _) in shadows.occluded[..shadows.len].iter().enumerate().filter(|(_, occluded)| !**occluded) {
+        let (radiance, scale) = clamp_contribution(shadows.radiance.get(row), limit);
         let scale = scale * shadows.through.get(row).copied().unwrap_or(1.0);
-        events.unoccluded(at, shadows, &UnoccludedLight { row, radiance: added, scale });
+        events.unoccluded(at, shadows, &UnoccludedLight { row, radiance, scale });
     }
 }
 

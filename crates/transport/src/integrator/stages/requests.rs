@@ -113,18 +113,28 @@ impl Requests {
         self.at_first_surface = depth == 0;
         self.uses_list = self.at_first_surface;
         self.len = vertices.len();
+        if !vertices.ended.is_empty() {
+            self.uses_list = true;
+            self.list.extend((0..vertices.len()).filter(|row| !vertices.ended[*row]).map(|row| SampleRequest {
+                vertex: row as u32,
+                index: vertices.index[row],
+                target: LightTarget::Random,
+            }));
+        }
     }
 
     /// Lists the vertices whose light sample survives roulette.
     fn play_roulette(&mut self, transport: &Transport, depth: u32, vertices: &Vertices) {
         self.uses_list = true;
+        self.list.clear();
+        let ended = |row: usize| vertices.ended.get(row).is_some_and(|ended| *ended);
         for at in (0..vertices.len()).step_by(LANES) {
             let rows = Rows::From(at);
             let Some([probability, _]) = vertices.roulette(transport, &rows) else { continue };
             let id = vertices.path_ids(&rows);
             let number = unit_interval(keys(id.seed, id.index, dimensions::roulette(depth)));
             let taken = (number.simd_lt(probability) & mask(LANES.min(vertices.len() - at))).to_bitmask();
-            let lanes = (0..LANES).filter(|lane| taken >> lane & 1 == 1);
+            let lanes = (0..LANES).filter(|lane| taken >> lane & 1 == 1 && !ended(at + lane));
             self.list.extend(lanes.map(|lane| SampleRequest {
                 vertex: (at + lane) as u32,
                 index: id.index.as_array()[lane],

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::{Vec3, Vec4};
 
 use crate::bsdf::{Anisotropy, Bsdf, Iridescence, LobeSet, Surface};
-use crate::scene::{Material, Mesh, Scene, TextureSlot};
+use crate::scene::{AlphaMode, Material, Mesh, Scene, TextureSlot};
 
 /// Transmittance, linear RGB, over `distance` metres in a medium of absorption coefficient `absorption` per metre.
 #[inline]
@@ -55,6 +55,8 @@ pub struct Materials {
     pub has_thin_walls: bool,
     /// Does any surface bound a medium, and is it smooth?
     pub has_smooth_bodies: bool,
+    /// Is any surface present with a probability ([`AlphaMode::Blend`])?
+    pub blends: bool,
     /// Does any surface disperse?
     pub disperses: bool,
     /// Absorption coefficients of the media, linear RGB per metre. Medium 0 is the vacuum outside all others. If it is the
@@ -91,6 +93,7 @@ impl Materials {
         let has_unlit = mesh_materials.iter().any(|kind| kind.unlit) && lit().next().is_some();
         let has_thin_walls = mesh_materials.iter().any(|kind| kind.thin_wall);
         let has_smooth_bodies = mesh_materials.iter().any(|kind| kind.smooth_body);
+        let blends = scene.materials.iter().any(|material| material.alpha_mode == AlphaMode::Blend);
         let disperses = lit().any(Material::disperses);
         let back_facing = if transmits {
             scene.materials.iter().map(|m| Surface { back_facing: true, ..untextured(m) }.bsdf()).collect()
@@ -106,6 +109,7 @@ impl Materials {
             has_unlit,
             has_thin_walls,
             has_smooth_bodies,
+            blends,
             disperses,
             media,
         }

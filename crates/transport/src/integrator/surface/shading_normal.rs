@@ -26,6 +26,15 @@ pub fn consistent(ng: V3, ns: V3, wo: V3) -> V3 {
     V3::select(cos.simd_lt(low), tilted, ns)
 }
 
+/// Mask of the lanes where `ns` is no result of bending for `wo`, and need not be bent, by a margin that is larger than rounding.
+#[inline(always)]
+pub fn is_clear(ng: V3, ns: V3, wo: V3) -> F {
+    let (cos_g, cos_s, height) = (ng.dot(wo), ns.dot(wo), ng.dot(ns));
+    let min_mirror = (cos_g * F::splat(0.9)).fast_min(F::splat(MIN_MIRROR_COS));
+    let mirror = F::splat(2.0) * cos_s * height - cos_g;
+    cos_s.simd_gt(F::splat(2.0 * MIN_COS)) & mirror.simd_gt(min_mirror + cos_g * F::splat(0.01))
+}
+
 /// The normal in the plane of `ng` and `tangent` whose mirror direction has the cosine `min_mirror` to `ng`.
 ///
 /// With the angles φ of the normal and δ of `wo`'s projection onto the plane from `ng`, that cosine is l cos(2φ − δ), where l is

@@ -11,7 +11,7 @@ use super::passing::Passing;
 use crate::integrator::data::context::WaveContext;
 use crate::integrator::data::counts::{WaveCounts, timed};
 use crate::integrator::data::dimensions;
-use crate::integrator::data::path_states::PathLight;
+use crate::integrator::data::path_states::NonFiniteSamples;
 use crate::integrator::data::queues::{PathIds, PathRays, SortedHits};
 use crate::integrator::events::{FoundEmission, PathEvents};
 use crate::integrator::stages::camera_rays::{camera_ray, clip};
@@ -43,7 +43,7 @@ impl EmissionRays {
         at: &WaveContext,
         sorted: &mut SortedHits,
         passing: &mut Passing,
-        light: &mut PathLight,
+        non_finite: &mut NonFiniteSamples,
         clients: &mut E,
         counts: &mut WaveCounts,
     ) {
@@ -65,7 +65,7 @@ impl EmissionRays {
             let mut next = 0;
             while next < all {
                 if self.rays.len == capacity {
-                    self.add(at, passing, light, clients, counts);
+                    self.add(at, passing, non_finite, clients, counts);
                 }
                 let n = LANES.min(capacity - self.rays.len).min((all - next) as usize);
                 self.push(at, [pixel as u32, first_path, per_path], next, n);
@@ -73,7 +73,7 @@ impl EmissionRays {
             }
             first_path += task.counts.paths;
         }
-        self.add(at, passing, light, clients, counts);
+        self.add(at, passing, non_finite, clients, counts);
     }
 
     /// Appends `n` rays of a pixel from number `first` on. Its first path in the wave has the number `first_path`.
@@ -94,7 +94,7 @@ impl EmissionRays {
         &mut self,
         at: &WaveContext,
         passing: &mut Passing,
-        light: &mut PathLight,
+        non_finite: &mut NonFiniteSamples,
         clients: &mut E,
         counts: &mut WaveCounts,
     ) {
@@ -114,7 +114,7 @@ impl EmissionRays {
             }
         }
         media::attenuate(transport, at.depth, rays, hits);
-        emission::add(at, sorted, rays, hits, found, light, clients);
+        emission::find(at, sorted, rays, hits, found, non_finite, clients);
         rays.open(at.paths.len(), transport.geometry.moves, 0);
     }
 }

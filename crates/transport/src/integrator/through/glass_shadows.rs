@@ -15,7 +15,7 @@ use glam::Vec3;
 use super::thin_walls::{ThinWalls, is_wall};
 use crate::integrator::data::context::WaveContext;
 use crate::integrator::data::dimensions::MAX_WALLS;
-use crate::integrator::data::path_states::PathLight;
+use crate::integrator::data::path_states::NonFiniteSamples;
 use crate::integrator::data::queues::{PathRays, SortedHits};
 use crate::integrator::data::transport::Transport;
 use crate::integrator::events::{FoundEmission, PathEvents};
@@ -44,7 +44,7 @@ impl GlassShadows {
         at: &WaveContext,
         rays: &mut PathRays,
         hits: &HitBatch,
-        light: &mut PathLight,
+        non_finite: &mut NonFiniteSamples,
         clients: &mut E,
     ) {
         let transport = at.transport;
@@ -74,7 +74,7 @@ impl GlassShadows {
                     self.sorted.emissive.push(row as u32);
                 }
             }
-            emission::add(at, &self.sorted, rays, &self.hits, &mut self.found, light, clients);
+            emission::find(at, &self.sorted, rays, &self.hits, &mut self.found, non_finite, clients);
             self.before.drain(..).for_each(|(row, beta)| rays.beta.set(row, beta));
         }
         std::mem::swap(&mut rays.beta, &mut self.beta);

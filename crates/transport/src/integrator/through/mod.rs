@@ -10,7 +10,7 @@ pub mod thin_walls;
 
 use super::data::context::WaveContext;
 use super::data::counts::{WaveCounts, timed};
-use super::data::path_states::PathLight;
+use super::data::path_states::NonFiniteSamples;
 use super::data::queues::{PathRays, ShadowRays, SortedHits};
 use super::data::transport::Transport;
 use super::events::PathEvents;
@@ -35,7 +35,7 @@ impl Through {
         at: &WaveContext,
         rays: &mut PathRays,
         hits: &mut HitBatch,
-        light: &mut PathLight,
+        non_finite: &mut NonFiniteSamples,
         clients: &mut E,
     ) {
         self.passing.pass_back_faces(at.transport, rays, hits);
@@ -48,7 +48,7 @@ impl Through {
         } else if at.transport.materials.has_thin_walls {
             clients.hits_behind_walls(at, rays, hits);
         }
-        self.glass_shadows.find(at, rays, hits, light, clients);
+        self.glass_shadows.find(at, rays, hits, non_finite, clients);
     }
 
     /// Adds the emission that camera rays of its own find.
@@ -56,12 +56,12 @@ impl Through {
         &mut self,
         at: &WaveContext,
         sorted: &mut SortedHits,
-        light: &mut PathLight,
+        non_finite: &mut NonFiniteSamples,
         clients: &mut E,
         counts: &mut WaveCounts,
     ) {
         if at.depth == 0 {
-            self.emission_rays.trace(at, sorted, &mut self.passing, light, clients, counts);
+            self.emission_rays.trace(at, sorted, &mut self.passing, non_finite, clients, counts);
         }
     }
 

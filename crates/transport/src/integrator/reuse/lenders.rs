@@ -1,0 +1,42 @@
+//! Samples of first surfaces, and what second surfaces lend them.
+
+use glam::Vec3;
+
+/// Marks a sample or a ray that lends nothing.
+pub const NONE: u32 = u32::MAX;
+
+/// A BSDF sample of a first surface.
+#[derive(Debug, Clone, Copy)]
+pub struct FirstSample {
+    /// Row of the first surface.
+    pub x: u32,
+    /// Index of the path in the wave.
+    pub path: u32,
+    /// Index in the pixel's sequence.
+    pub index: u32,
+    /// Its lender, or [`NONE`].
+    pub lender: u32,
+    /// Is its direction no mirror image ([`MIRROR_PDF`](crate::integrator::data::history::MIRROR_PDF))?
+    pub rough: bool,
+}
+
+/// A second surface whose light is lent.
+#[derive(Debug, Clone, Copy)]
+pub struct Lender {
+    /// Row of the second surface.
+    pub y: u32,
+    /// Unit directions at it: of its light sample, of its sample of the punctual lights, of its path's next ray.
+    pub directions: [Vec3; 3],
+    /// By [`LightKind`](crate::integrator::data::queues::LightKind), outgoing radiance of light samples toward the own first surface, linear RGB.
+    pub sampled: [Vec3; 3],
+    /// The same of what its path finds from there on.
+    pub beyond: [Vec3; 3],
+}
+
+impl Lender {
+    /// Is there anything to lend?
+    pub fn is_lit(&self) -> bool {
+        let sum: Vec3 = self.sampled.iter().chain(&self.beyond).sum();
+        sum != Vec3::ZERO
+    }
+}
