@@ -38,7 +38,7 @@ pub struct LightSampleGroup {
     pub is_environment: F,
     /// Shading points and normals that lights were sampled from.
     pub from: (V3, V3),
-    /// Indices of the area lights; without meaning for the environment.
+    /// [`LightSamples::emitter`](crate::light::LightSamples::emitter).
     pub emitter: [u32; LANES],
     /// Density per solid angle times samples per path of the technique.
     pub weighted_pdf: F,

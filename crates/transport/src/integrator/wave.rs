@@ -42,6 +42,7 @@ impl Wave {
         let mut at = WaveContext { transport, tasks, paths, depth: 0 };
         (&mut *clients, through.histories()).begin(&at);
         while at.depth < transport.longest_path() && rays.len > 0 {
+            through.sized_lights(&at, rays, light, clients, counts);
             trace(&at, rays, hits, counts);
             through.resolve(&at, rays, hits, light, clients);
             sort::sort(transport, at.depth, rays, hits, sorted);

@@ -124,8 +124,17 @@ pub enum LightKind {
     Environment,
     /// Emissive surfaces.
     Area,
-    /// Point, spot and directional lights.
+    /// Point, spot and directional lights without a size.
     Punctual,
+    /// The same with a size.
+    Sized,
+}
+
+impl LightKind {
+    /// Number of the group of light that it adds to: environment, emissive surfaces, punctual lights.
+    pub fn group(self) -> usize {
+        (self as usize).min(Self::Punctual as usize)
+    }
 }
 
 /// Columns of [`ShadowRays`] for [`glass_shadows`](crate::integrator::through::glass_shadows).
@@ -217,6 +226,6 @@ impl ShadowRays {
     /// Kind of the light at the end of a ray.
     #[inline]
     pub fn kind(&self, row: usize) -> LightKind {
-        [LightKind::Environment, LightKind::Area, LightKind::Punctual][self.kind[row] as usize]
+        [LightKind::Environment, LightKind::Area, LightKind::Punctual, LightKind::Sized][self.kind[row] as usize]
     }
 }
