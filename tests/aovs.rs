@@ -61,6 +61,7 @@ fn lit_by(radiance: f32) -> Scene {
         position: Vec3::new(1.0, 1.0, 0.5),
         direction: Vec3::NEG_Y,
         range: f32::INFINITY,
+        size: 0.0,
     });
     look(&mut scene, Vec3::new(0.0, 1.2, 4.0), Vec3::new(0.0, 0.8, 0.0), 0.8);
     scene
@@ -69,12 +70,16 @@ fn lit_by(radiance: f32) -> Scene {
 #[test]
 fn groups_of_light_and_direct_and_indirect_light_add_up_to_the_beauty() {
     // On the silhouettes of a bright light, camera rays for emission alone add to both.
-    for (balance, radiance, adaptive) in [
-        (Balance::Progressive, 9.0, Choice::Off),
-        (Balance::Half, 9.0, Choice::Off),
-        (Balance::Progressive, 900.0, Choice::On),
+    for (balance, radiance, adaptive, size) in [
+        (Balance::Progressive, 9.0, Choice::Off, 0.0),
+        (Balance::Progressive, 9.0, Choice::Off, 0.3),
+        (Balance::Half, 9.0, Choice::Off, 0.0),
+        (Balance::Progressive, 900.0, Choice::On, 0.0),
+        (Balance::Progressive, 900.0, Choice::On, 0.3),
     ] {
-        let rendered = rendered_by(lit_by(radiance), balance, adaptive);
+        let mut scene = lit_by(radiance);
+        scene.lights[0].size = size;
+        let rendered = rendered_by(scene, balance, adaptive);
         let found = rendered.stats.techniques.adaptive.map_or(0.0, |adaptive| adaptive.efficiency.emission_rays);
         assert_eq!(found > 0.0, adaptive == Choice::On);
         let mut by_group = [0.0; 3];

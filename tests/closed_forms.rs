@@ -214,6 +214,7 @@ fn punctual(kind: PunctualKind) -> Scene {
         position,
         direction,
         range: f32::INFINITY,
+        size: 0.0,
         motion: Vec::new(),
     });
     look(&mut scene, Vec3::new(0.0, 1.0, 3.0), Vec3::ZERO, 1e-4);

@@ -8,7 +8,7 @@ use std::sync::atomic::AtomicBool;
 use bismar::film::Pixels;
 use bismar::rays::Backend;
 use bismar::render::{Ground, Integrator, RenderSettings, Rendered, render};
-use bismar::scene::{Environment, PunctualKind, Scene};
+use bismar::scene::{Environment, PunctualKind, PunctualLight, Scene};
 use glam::Vec3;
 
 use crate::closed_forms::settings;
@@ -33,7 +33,10 @@ fn stage(lit: Lights, has_floor: bool, has_objects: bool) -> Stage {
     }
     if !matches!(lit, Lights::Environment) {
         rectangle(&mut scene, 3.0, [1.0, 2.0], [-0.5, 0.5], false, area_light(20.0));
-        scene.lights.push(punctual(PunctualKind::Point, 9.0, Vec3::new(-1.5, 2.5, 0.5), Vec3::NEG_Y));
+        for (x, size) in [(-1.5, 0.0), (0.5, 0.4)] {
+            let light = punctual(PunctualKind::Point, 9.0, Vec3::new(x, 2.5, 0.5), Vec3::NEG_Y);
+            scene.lights.push(PunctualLight { size, ..light });
+        }
     }
     if has_floor {
         rectangle(&mut scene, 0.0, [-99.0, 99.0], [-99.0, 99.0], true, lambert(0.5));

@@ -264,6 +264,29 @@ fn lights_shine_along_their_nodes() {
     assert!((sun.direction - Vec3::NEG_Y).length() <= 4.0 * f32::EPSILON);
     assert_eq!(sun.intensity, Vec3::ONE);
     assert_eq!((spot.range, sun.range), (5.0, f32::INFINITY));
+    assert_eq!((spot.size, sun.size), (0.0, 0.0));
+}
+
+#[test]
+fn extras_give_lights_a_size_where_they_are_one() {
+    let size = |kind: &str, light: &str, node: &str| {
+        let nodes = format!(r#"[{{"extras":{node},"extensions":{{"KHR_lights_punctual":{{"light":0}}}}}}]"#);
+        let light = format!(r#"{{"type":"{kind}","extras":{light}}}"#);
+        let more = format!(r#","extensions":{{"KHR_lights_punctual":{{"lights":[{light}]}}}}"#);
+        scene(Parts { nodes, more, ..Default::default() }).lights[0].size
+    };
+    for (kind, light, node, wanted) in [
+        ("point", r#"{"radius":0.25,"angle":1}"#, "{}", 0.25),
+        ("point", r#"{"shadow_soft_size":0.5}"#, "{}", 0.5),
+        // A node's own goes before that of its light.
+        ("point", r#"{"radius":0.25}"#, r#"{"radius":2}"#, 2.0),
+        ("directional", r#"{"radius":0.25,"angle":0.5}"#, "{}", 0.25),
+        ("directional", "{}", r#"{"angle":3.5}"#, 0.0),
+        ("point", r#"{"radius":-1}"#, r#"{"radius":1e30}"#, 0.0),
+        ("point", r#"{"radius":"big"}"#, "7", 0.0),
+    ] {
+        assert_eq!(size(kind, light, node), wanted, "{kind} {light} {node}");
+    }
 }
 
 fn material(json: &str) -> (Scene, Vec<String>) {

@@ -62,6 +62,8 @@ mod sampling;
 mod scalar;
 mod scenes;
 mod sequences;
+mod sized_lights;
+mod sky;
 mod techniques;
 mod thin_walls;
 mod trust;

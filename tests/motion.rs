@@ -171,7 +171,7 @@ fn a_light_that_moves_over_a_diffuse_plane_is_its_closed_form() {
     let LightKey { intensity: own, position, direction } = key(from);
     let (name, kind, range) = (String::new(), PunctualKind::Point, f32::INFINITY);
     let motion = vec![key(from), key(to)];
-    scene.lights.push(PunctualLight { name, kind, intensity: own, position, direction, range, motion });
+    scene.lights.push(PunctualLight { name, kind, intensity: own, position, direction, range, size: 0.0, motion });
     let whole = |x: f64| intensity * x / (height * x.hypot(height));
     let expected = 0.5 / PI * (whole(to) - whole(from)) / (to - from);
     let stage = Stage::new(Arc::new(scene), Backend::Embree);

@@ -115,7 +115,8 @@ fn an_unlit_surface_is_seen_directly_and_in_mirrors_and_gives_no_light() {
     }
 }
 
-/// A surface under each kind of light that there is: lamps with and without alpha, environment, punctual lights.
+/// A surface under each kind of light that there is: lamps with and without alpha, environment, punctual lights
+/// with and without a size.
 fn surface(material: Material) -> Scene {
     let mut scene = Scene { environment: Some(Environment::constant([0.4; 3])), ..Default::default() };
     let (points, indices) = sphere(10, 0.5, Vec3::new(0.0, 0.5, 0.0));
@@ -123,7 +124,11 @@ fn surface(material: Material) -> Scene {
     rectangle(&mut scene, 0.0, [-2.0, 2.0], [-2.0, 2.0], true, lambert(0.5));
     rectangle(&mut scene, 1.6, [-0.5, 0.1], [-0.4, 0.4], false, area_light(6.0));
     rectangle(&mut scene, 1.5, [0.2, 0.9], [-0.4, 0.4], false, with_alpha(0.5, AlphaMode::Blend));
-    for kind in [PunctualKind::Point, PunctualKind::Spot { inner: 0.2, outer: 0.9 }, PunctualKind::Directional] {
+    let spot = PunctualKind::Spot { inner: 0.2, outer: 0.9 };
+    let points = [PunctualKind::Point, spot, PunctualKind::Directional].map(|kind| (kind, 0.0));
+    // The second sphere touches the floor and the surface.
+    let sized = [(PunctualKind::Point, 0.2), (PunctualKind::Directional, 0.3), (spot, 1.6)];
+    for (kind, size) in points.into_iter().chain(sized) {
         scene.lights.push(PunctualLight {
             name: "light".into(),
             kind,
@@ -131,6 +136,7 @@ fn surface(material: Material) -> Scene {
             position: Vec3::new(1.0, 2.0, 1.0),
             direction: Vec3::new(-1.0, -2.0, -1.0).normalize(),
             range: f32::INFINITY,
+            size,
             motion: Vec::new(),
         });
     }

@@ -21,7 +21,7 @@ fn settings() -> RenderSettings {
     RenderSettings { width: 24, height: 16, spp: Some(8), max_depth: 6, ..RenderSettings::even() }
 }
 
-/// A room of this material, open toward the camera, under a lamp, a point light and a dim sky, with a box of plastic.
+/// A room of this material, open toward the camera, under a lamp, a point light, a spherical light and a dim sky, with a box of plastic.
 fn room(material: Material) -> Arc<Scene> {
     let mut scene = Scene { environment: Some(Environment::constant([0.2, 0.3, 0.4])), ..Default::default() };
     rectangle(&mut scene, 0.0, [-1.0, 1.0], [-1.0, 1.0], true, lambert(0.7));
@@ -34,15 +34,18 @@ fn room(material: Material) -> Arc<Scene> {
     }
     let (points, indices) = sphere(8, 0.35, Vec3::new(0.2, 0.35, 0.1));
     add(&mut scene, points, indices, Material { metallic: 0.0, roughness: 0.4, ..Material::default() });
-    scene.lights.push(PunctualLight {
-        name: "bulb".into(),
-        kind: PunctualKind::Point,
-        intensity: Vec3::splat(0.3),
-        position: Vec3::new(-0.5, 1.2, 0.3),
-        direction: Vec3::NEG_Y,
-        range: f32::INFINITY,
-        motion: Vec::new(),
-    });
+    for (x, size) in [(-0.5, 0.0), (0.6, 0.15)] {
+        scene.lights.push(PunctualLight {
+            name: "bulb".into(),
+            kind: PunctualKind::Point,
+            intensity: Vec3::splat(0.2),
+            position: Vec3::new(x, 1.2, 0.3),
+            direction: Vec3::NEG_Y,
+            range: f32::INFINITY,
+            size,
+            motion: Vec::new(),
+        });
+    }
     look(&mut scene, Vec3::new(0.0, 1.0, 3.5), Vec3::new(0.0, 0.9, 0.0), 0.8);
     Arc::new(scene)
 }

@@ -133,6 +133,7 @@ fn punctual_lights_are_chosen_by_what_they_bring() {
         position,
         direction: -Vec3::Y,
         range: f32::INFINITY,
+        size: 0.0,
     };
     let spot = PunctualKind::Spot { inner: 0.2, outer: 0.9 };
     let lights = [

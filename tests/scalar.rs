@@ -1,5 +1,6 @@
 //! The wavefront integrator against the scalar one, which shares neither queues nor sorting with it.
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32};
 
 use bismar::balance::{Balance, Contribution, Counts, Heuristic, Observer, Shares};
@@ -11,9 +12,11 @@ use bismar::light::{LearnedLights, LightProposal, LightSampleRecord};
 use bismar::rays::Backend;
 use bismar::render::prepass::guiding::learned;
 use bismar::render::{GlassShadows, Guiding, RenderSettings, transport};
+use bismar::scene::{PunctualKind, Scene};
 use glam::Vec3;
 
 use crate::helpers::stage::{Stage, glass_hall, globe_hall, hall, moving_hall};
+use crate::thin_walls::punctual;
 
 /// Keeps each path's radiance.
 #[derive(Default)]
@@ -25,6 +28,16 @@ impl Observer for Radiance {
     fn path(&mut self, _pixel: u32, radiance: Vec3) {
         self.0.push(radiance);
     }
+}
+
+/// Gives the scene's lights a size, and it a spot that touches the floor and a sun.
+fn sized(scene: Arc<Scene>) -> Arc<Scene> {
+    let mut scene = Arc::unwrap_or_clone(scene);
+    let spot = PunctualKind::Spot { inner: 0.5, outer: 1.4 };
+    scene.lights.push(punctual(spot, 1.0, Vec3::new(1.2, 0.3, 0.4), Vec3::new(-0.6, 0.8, 0.0)));
+    scene.lights.push(punctual(PunctualKind::Directional, 0.5, Vec3::ZERO, Vec3::new(0.6, -0.8, 0.0)));
+    scene.lights.iter_mut().for_each(|light| light.size = 0.35);
+    Arc::new(scene)
 }
 
 #[test]
@@ -46,6 +59,12 @@ fn each_path_of_a_wave_is_the_scalar_path() {
         (moving_hall(), Backend::Embree, Balance::Power, 3, 6000, Guiding::Off, false, Straight),
         (moving_hall(), Backend::Embree, Balance::Half, 8, 6000, Guiding::On, false, Straight),
         (glass_hall(), Backend::Obvhs, Balance::Half, 6, 4000, Guiding::Off, true, Straight),
+        (sized(hall()), Backend::Obvhs, Balance::Half, 8, 6000, Guiding::Off, false, Straight),
+        (sized(glass_hall()), Backend::Obvhs, Balance::Max, 12, 4000, Guiding::On, false, Straight),
+        (sized(glass_hall()), Backend::Obvhs, Balance::Half, 6, 4000, Guiding::Off, true, Straight),
+        (sized(globe_hall()), Backend::Obvhs, Balance::Power, 8, 4000, Guiding::Off, false, Straight),
+        (sized(globe_hall()), Backend::Obvhs, Balance::Power, 8, 4000, Guiding::On, false, GlassShadows::Off),
+        (sized(moving_hall()), Backend::Embree, Balance::Half, 8, 6000, Guiding::Off, false, Straight),
         (globe_hall(), Backend::Obvhs, Balance::Half, 12, 4000, Guiding::Off, false, Straight),
         (globe_hall(), Backend::Obvhs, Balance::Power, 3, 4000, Guiding::Off, false, Straight),
         (globe_hall(), Backend::Obvhs, Balance::Power, 8, 4000, Guiding::On, false, Straight),

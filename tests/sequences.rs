@@ -108,6 +108,7 @@ fn jobs_that_differ_in_their_light_or_view_alone_share_neither() {
     let jobs = [
         ("plain", ""),
         ("sky", "sky = true"),
+        ("clear", "sunsky = '30,120,4'"),
         ("bright", "sky = true\nenv-strength = 2"),
         ("dark", "no-env = true"),
         ("map", "env = 'sky.hdr'"),

@@ -29,7 +29,7 @@ pub fn pane() -> Material {
 
 pub fn punctual(kind: PunctualKind, intensity: f32, position: Vec3, direction: Vec3) -> PunctualLight {
     let (name, range, motion) = ("lamp".into(), f32::INFINITY, Vec::new());
-    PunctualLight { name, kind, intensity: Vec3::splat(intensity), position, direction, range, motion }
+    PunctualLight { name, kind, intensity: Vec3::splat(intensity), position, direction, range, size: 0.0, motion }
 }
 
 /// A floor of albedo 0.5 at y = 0 under `panes` panes of glass, seen from beneath them.

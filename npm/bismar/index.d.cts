@@ -69,12 +69,18 @@ export interface RenderFlags {
   env?: string | undefined;
   /** Rotation of the environment map about +y, in degrees */
   env_rotate?: number | string | undefined;
-  /** Factor on the radiance of --env or --sky */
+  /** Factor on the radiance of --env, --sky or --sunsky */
   env_strength?: number | string | undefined;
   /** Uniform white environment */
   sky?: boolean | undefined;
+  /** A clear sky with its sun, by the sun's elevation and azimuth (0 in +z, 90 in +x) in degrees and the haze, from 1 to 10 [default: 3] (docs/lights.md) */
+  sunsky?: string | number | readonly (string | number)[] | undefined;
   /** Unit of the file's point, spot and directional lights: lumen uses their intensities unchanged, watt divides them by 683 lm/W, the factor that Blender's exporter multiplies by */
   light_unit?: "lumen" | "watt" | undefined;
+  /** Radius of all point and spot lights: spheres with the irradiance that the points have, soft shadows, and highlights. The camera does not see them. Without this, `radius` in the file's extras, or points */
+  light_radius?: number | string | undefined;
+  /** Angle that all directional lights subtend, at most 180; the sun has 0.53. Without this, `angle` (radians) in the file's extras, or sharp shadows */
+  sun_angle?: number | string | undefined;
   /** Render without any environment light */
   no_env?: boolean | undefined;
   /** Compensate the energy that microfacet models with a single scattering lose on rough surfaces, up to 69 % for rough metals. Off: the letter of glTF 2.0, appendix B, as Mitsuba's principled BSDF */

@@ -143,8 +143,11 @@ def load(
     env_rotate: Optional[float] = None,
     env_strength: Optional[float] = None,
     sky: bool = False,
+    sunsky: Optional[Sequence[float]] = None,
     no_env: bool = False,
     light_unit: Optional[str] = None,
+    light_radius: Optional[float] = None,
+    sun_angle: Optional[float] = None,
     energy_compensation: Union[str, bool, None] = None,
     scene: Union[str, int, None] = None,
     variant: Union[str, int, None] = None,
@@ -164,7 +167,9 @@ def load(
 
     env: environment map, an equirectangular .hdr or .exr; `env_rotate` turns it about +y (degrees), `env_strength` is a
         factor of its radiance. `sky` is a white environment, `no_env` none.
-    light_unit: "lumen" or "watt", the unit of the file's point, spot and directional lights.
+    sunsky: a clear sky with its sun, by elevation, azimuth (0 in +z, 90 in +x; degrees) and turbidity [3].
+    light_unit: "lumen" or "watt", the unit of the file's point, spot and directional lights. `light_radius` makes all
+        point and spot lights spheres (metres), `sun_angle` all directional ones discs (degrees); 0 for sharp shadows.
     energy_compensation: False for the letter of glTF 2.0 on rough surfaces.
     scene, variant, animation: by name or index.
     pose: time of the animations in seconds; or `frame`, in frames of `fps` (24).

@@ -65,6 +65,9 @@ impl Inputs {
             Some(file) => EnvironmentSource::File { hash: file.hash(), degrees, strength },
             None if request.no_env => EnvironmentSource::Off,
             None if request.sky => EnvironmentSource::White { strength },
+            None if request.sunsky.is_some() => {
+                EnvironmentSource::Clear { sky: format!("{:?}", request.sunsky), strength }
+            }
             None if scene.has_lights => EnvironmentSource::Judged,
             None => EnvironmentSource::Scene,
         };
@@ -117,10 +120,12 @@ impl Inputs {
     pub fn own_light(&self, request: &RenderRequest, measure: impl FnOnce() -> Result<OwnLight>) -> Result<OwnLight> {
         let selection = request.selection.at_rest();
         let key = format!(
-            "{:?} {} {:?} {:?}",
+            "{:?} {} {:?} {:?} {:?} {:?}",
             request.camera,
             selection.name(),
             request.light_unit,
+            request.light_radius,
+            request.sun_angle,
             request.settings.back_faces
         );
         let known = || self.own_light.lock().unwrap_or_else(PoisonError::into_inner);

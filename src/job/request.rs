@@ -10,7 +10,7 @@ use crate::rays::Backend;
 use crate::render::RenderSettings;
 use crate::render::identity::RequestedOutputs;
 use crate::scene::import::{ImportOptions, Views};
-use crate::scene::{Framing, Orbit, PlacedCamera};
+use crate::scene::{ClearSky, Framing, Orbit, PlacedCamera};
 
 use super::selection::SceneSelection;
 
@@ -39,14 +39,20 @@ pub struct RenderRequest {
     pub env: Option<PathBuf>,
     /// Rotation of the environment map about +y in degrees.
     pub env_rotate: f32,
-    /// Factor on the radiance of `env` or `sky`.
+    /// Factor on the radiance of `env`, `sky` or `sunsky`.
     pub env_strength: f32,
     /// Is the environment uniform and white?
     pub sky: bool,
+    /// A clear sky with its sun in place of an environment map.
+    pub sunsky: Option<ClearSky>,
     /// Is there no environment at all?
     pub no_env: bool,
     /// Unit of the file's punctual lights.
     pub light_unit: LightUnit,
+    /// Radius in metres of all point and spot lights; `None`: the file's.
+    pub light_radius: Option<f32>,
+    /// Angle in degrees that all directional lights subtend; `None`: the file's.
+    pub sun_angle: Option<f32>,
     /// Is the energy compensated that single scattering loses on rough surfaces?
     pub energy_compensation: bool,
     /// Is a scene refused that can only be approximated?
@@ -107,8 +113,11 @@ impl Default for RenderRequest {
             env_rotate: 0.0,
             env_strength: 1.0,
             sky: false,
+            sunsky: None,
             no_env: false,
             light_unit: LightUnit::Lumen,
+            light_radius: None,
+            sun_angle: None,
             energy_compensation: true,
             strict: false,
             aovs: Aov::DEFAULT.to_vec(),
@@ -170,13 +179,15 @@ impl RenderRequest {
     /// Text that distinguishes scenes imported differently from the same files; empty for the default import.
     pub fn import_choices(&self) -> String {
         let unit = if self.light_unit == LightUnit::Watt { ", lights in watts" } else { "" };
+        let radius = self.light_radius.map_or(String::new(), |metres| format!(", lights of radius {metres}"));
+        let angle = self.sun_angle.map_or(String::new(), |degrees| format!(", suns of {degrees} degrees"));
         let energy = if self.energy_compensation { "" } else { ", no energy compensation" };
         let velocities = if self.has_velocities() { ", velocities" } else { "" };
         let seen = self.views.as_ref().map(|Views { size: [width, height], camera, .. }| {
             let camera = camera.as_deref().unwrap_or("its camera");
             format!(", pictures as fine as {width}x{height} pixels of {camera} show")
         });
-        format!("{}{unit}{energy}{velocities}{}", self.selection.name(), seen.unwrap_or_default())
+        format!("{}{unit}{radius}{angle}{energy}{velocities}{}", self.selection.name(), seen.unwrap_or_default())
     }
 
     /// Text that identifies a camera that is not one of the file; empty for those of the file.
@@ -194,8 +205,8 @@ impl RenderRequest {
 
     /// Key that is equal for requests whose scenes are made of the same files.
     pub fn files_key(&self) -> String {
-        let Self { scene, env, env_rotate, env_strength, no_env, sky, .. } = self;
-        format!("{scene:?} {env:?} {env_rotate} {env_strength} {no_env} {sky}")
+        let Self { scene, env, env_rotate, env_strength, no_env, sky, sunsky, .. } = self;
+        format!("{scene:?} {env:?} {env_rotate} {env_strength} {no_env} {sky} {sunsky:?}")
     }
 
     /// Key that is equal for requests that can share a scene in memory.

@@ -31,11 +31,12 @@ pub fn scene_at_rest(request: &RenderRequest, files: &SceneFiles) -> Result<Scen
     Ok(scene)
 }
 
-/// Applies the unit of the lights and the energy compensation.
+/// Applies the unit and the sizes of the lights, and the energy compensation.
 fn apply_flags(request: &RenderRequest, scene: &mut Scene) {
     let unit = request.light_unit.factor();
     for light in &mut scene.lights {
         light.intensity *= unit;
+        light.set_size(request.light_radius, request.sun_angle.map(f32::to_radians));
         light.motion.iter_mut().for_each(|key| key.intensity *= unit);
     }
     if !request.energy_compensation {
@@ -64,6 +65,9 @@ pub fn make_scene(request: &RenderRequest, files: Files) -> Result<Scene> {
         scene.environment = None;
     } else if request.sky {
         scene.environment = Some(Environment { strength: request.env_strength, ..Environment::constant([1.0; 3]) });
+    } else if let Some(sky) = request.sunsky {
+        scene.environment = Some(sky.environment(request.env_strength));
+        scene.lights.push(sky.sun(request.env_strength));
     } else if let Some(file) = &files.environment {
         scene.environment = Some(file.decode(request.env_rotate, request.env_strength)?);
     }
@@ -77,7 +81,7 @@ pub fn make_scene(request: &RenderRequest, files: Files) -> Result<Scene> {
         }
     } else if scene.light_if_dark() {
         let hint = exporter_hint(generator.as_deref());
-        warn!("{name} has no light: soft studio light is added (--env FILE or --sky replace it){hint}");
+        warn!("{name} has no light: soft studio light is added (--env FILE, --sunsky or --sky replace it){hint}");
     }
     if request.is_framed() {
         scene.frame();

@@ -46,6 +46,13 @@ pub enum EnvironmentSource {
         /// Factor of its radiance.
         strength: f32,
     },
+    /// A clear sky with its sun.
+    Clear {
+        /// Its parameters.
+        sky: String,
+        /// Factor of its radiance.
+        strength: f32,
+    },
     /// What the scene's file contains.
     Scene,
     /// The same for a file with lights: the default light is added where they do not light what the camera sees
@@ -61,6 +68,7 @@ impl EnvironmentSource {
         match self {
             Self::File { hash, degrees, strength } => format!("{hash} turned {degrees} times {strength}"),
             Self::White { strength } => format!("white times {strength}"),
+            Self::Clear { sky, strength } => format!("{sky} times {strength}"),
             Self::Scene => "the scene's own".into(),
             Self::Judged => "the scene's own, or studio".into(),
             Self::Off => "none".into(),

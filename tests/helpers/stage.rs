@@ -80,7 +80,7 @@ pub fn globe_hall() -> Arc<Scene> {
     let (kind, intensity, position, direction) =
         (PunctualKind::Point, Vec3::splat(2.0), Vec3::new(0.4, 1.8, 2.4), Vec3::NEG_Y);
     let (name, range, motion) = ("lamp".into(), f32::INFINITY, Vec::new());
-    scene.lights.push(PunctualLight { name, kind, intensity, position, direction, range, motion });
+    scene.lights.push(PunctualLight { name, kind, intensity, position, direction, range, size: 0.0, motion });
     Arc::new(scene)
 }
 
@@ -124,7 +124,7 @@ pub fn moving_hall() -> Arc<Scene> {
     let LightKey { intensity, position, direction } = key(0.5);
     let (name, kind, range) = ("lamp".into(), PunctualKind::Point, f32::INFINITY);
     let motion = vec![key(-0.5), key(1.5)];
-    scene.lights.push(PunctualLight { name, kind, intensity, position, direction, range, motion });
+    scene.lights.push(PunctualLight { name, kind, intensity, position, direction, range, size: 0.0, motion });
     look(&mut scene, Vec3::new(0.0, 1.2, 4.0), Vec3::new(0.0, 0.5, 0.0), 0.6);
     let stand = |x| DAffine3::from_translation(DVec3::new(x, 1.2, 4.0));
     scene.cameras[0].motion = Motion::new(&[stand(0.0), stand(0.2)]).map(Arc::new);

@@ -52,7 +52,7 @@ pub fn read(path: &Path) -> Result<Vec<Job>> {
             let flag = match arg.get_action() {
                 ArgAction::SetTrue => Flag::Switch,
                 _ if name == "size" => Flag::List('x'),
-                _ if ["aov", "crop", "frames", "orbit"].contains(&name.as_str()) => Flag::List(','),
+                _ if ["aov", "crop", "frames", "orbit", "sunsky"].contains(&name.as_str()) => Flag::List(','),
                 _ if name == "seed-per-frame" => Flag::Choice,
                 _ if name == "adaptive" => Flag::Mode,
                 _ if ["env", "cameras"].contains(&name.as_str()) => Flag::Input,

@@ -6,8 +6,8 @@ use clap::Args;
 use tracing::info;
 
 use super::values::{
-    AovList, Crop, OnByDefault, PartFlag, PixelPath, Preset, adaptive, balance, blades, finite, light_unit,
-    not_negative, preset, share,
+    AovList, Crop, OnByDefault, PartFlag, PixelPath, Preset, adaptive, balance, blades, finite, light_radius,
+    light_unit, not_negative, preset, share, sun_angle,
 };
 use crate::batch::frames::Frames;
 use crate::batch::job::Job;
@@ -30,7 +30,7 @@ use crate::render::lens::{Aperture, Focus, LensSettings};
 use crate::render::{BackFaces, Balance, Choice, GlassShadows, Ground, Integrator, PixelFilter, RenderSettings};
 use crate::sampling::frame_seed;
 use crate::scene::import::{STANDARD_INPUT, Views};
-use crate::scene::{Orbit, PlacedCamera};
+use crate::scene::{ClearSky, Orbit, PlacedCamera};
 use crate::{Error, Result};
 
 /// Render a glTF scene to OpenEXR.
@@ -139,17 +139,30 @@ pub struct RenderArgs {
     #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_negative_numbers = true, requires = "env",
         value_parser = finite, help_heading = "Light")]
     pub env_rotate: f32,
-    /// Factor on the radiance of --env or --sky.
+    /// Factor on the radiance of --env, --sky or --sunsky.
     #[arg(long, value_name = "X", default_value_t = 1.0, requires = "infinite", value_parser = not_negative,
         help_heading = "Light")]
     pub env_strength: f32,
     /// Uniform white environment.
     #[arg(long, group = "infinite", conflicts_with = "env", help_heading = "Light")]
     pub sky: bool,
+    /// A clear sky with its sun, by the sun's elevation and azimuth (0 in +z, 90 in +x) in degrees and the haze, from 1 to 10
+    /// [default: 3] (docs/lights.md).
+    #[arg(long, value_name = "ELEVATION,AZIMUTH[,TURBIDITY]", group = "infinite", conflicts_with_all = ["env", "sky"],
+        help_heading = "Light")]
+    pub sunsky: Option<ClearSky>,
     /// Unit of the file's point, spot and directional lights: lumen uses their intensities unchanged, watt divides them by
     /// 683 lm/W, the factor that Blender's exporter multiplies by.
     #[arg(long, value_parser = light_unit(), default_value = "lumen", value_name = "UNIT", help_heading = "Light")]
     pub light_unit: LightUnit,
+    /// Radius of all point and spot lights: spheres with the irradiance that the points have, soft shadows, and highlights. The
+    /// camera does not see them. Without this, `radius` in the file's extras, or points.
+    #[arg(long, value_name = "METRES", value_parser = light_radius, help_heading = "Light")]
+    pub light_radius: Option<f32>,
+    /// Angle that all directional lights subtend, at most 180; the sun has 0.53. Without this, `angle` (radians) in the file's
+    /// extras, or sharp shadows.
+    #[arg(long, value_name = "DEG", value_parser = sun_angle, help_heading = "Light")]
+    pub sun_angle: Option<f32>,
     /// Render without any environment light.
     #[arg(long, conflicts_with = "infinite", help_heading = "Light")]
     pub no_env: bool,
@@ -438,8 +451,11 @@ impl RenderArgs {
             env_rotate: args.env_rotate,
             env_strength: args.env_strength,
             sky: args.sky,
+            sunsky: args.sunsky,
             no_env: args.no_env,
             light_unit: args.light_unit,
+            light_radius: args.light_radius,
+            sun_angle: args.sun_angle,
             energy_compensation: args.energy_compensation == OnByDefault::On,
             strict: args.strict,
             aovs,

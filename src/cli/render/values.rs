@@ -9,6 +9,7 @@ use crate::farm::array::{ArrayTask, array_task};
 use crate::film::Aov;
 use crate::job::LightUnit;
 use crate::render::{Balance, Choice, Part};
+use crate::scene::MAX_RADIUS;
 
 type Parsed<T> = std::result::Result<T, String>;
 
@@ -118,6 +119,16 @@ fn part_of(task: ArrayTask, rest: &str) -> Parsed<Part> {
         return Err(format!("this is task {number} of the array, but there are {of} parts"));
     }
     Ok(Part { number, of })
+}
+
+/// Parser of `--light-radius`.
+pub fn light_radius(text: &str) -> Parsed<f32> {
+    not_negative(text).ok().filter(|x| *x <= MAX_RADIUS).ok_or(format!("not metres from 0 to {MAX_RADIUS:e}"))
+}
+
+/// Parser of `--sun-angle`.
+pub fn sun_angle(text: &str) -> Parsed<f32> {
+    not_negative(text).ok().filter(|x| *x <= 180.0).ok_or("not degrees from 0 to 180".into())
 }
 
 /// Parser of `--light-unit`.

@@ -89,7 +89,7 @@ impl VisibleEmission {
     /// Traces a camera ray for each pixel of a picture of this size, and [`EDGE_RAYS`] for each pixel beside an edge. `None` if
     /// all of the pixels see the same, and soon after `stop` is raised.
     pub fn new(transport: &Transport, size: [u32; 2], stop: &AtomicBool) -> Option<Self> {
-        if !transport.lights.has_extent() {
+        if transport.lights.environment.is_none() && transport.lights.area.is_none() {
             return None;
         }
         // A position anywhere in the pixel's square, and nothing behind the first surface.

@@ -37,7 +37,7 @@ pub(super) struct StabilityArgs {
 /// Methods with their own failure modes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Methods {
-    /// Every --balance: F1 to F18
+    /// Every --balance: F1 to F18, F24, F25
     Balance,
     /// --guiding: F19 to F23
     Guiding,

@@ -32,7 +32,7 @@ use simulate::{Subject, replica};
 /// A failure mode and the results of the estimators in it.
 #[derive(Debug, Clone, Serialize)]
 pub struct ModeResult {
-    /// F1 … F18, F24.
+    /// F1 … F18, F24, F25.
     pub mode: &'static str,
     pub name: &'static str,
     /// Description of the case.
@@ -89,7 +89,7 @@ impl Results {
 /// Results of a run of the study: of balances, of guiding, or of both.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct Found {
-    /// F1 … F18, F24.
+    /// F1 … F18, F24, F25.
     #[serde(flatten)]
     pub balance: Option<Results>,
     /// F19 … F23.

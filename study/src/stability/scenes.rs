@@ -20,14 +20,14 @@ use super::renders::Renders;
 /// Pixels along a side.
 pub(super) const SIDE: u32 = 4;
 /// Number of [`scene_cases`].
-pub const SCENES: usize = 8;
+pub const SCENES: usize = 9;
 pub const PATHS: u32 = 64;
 /// First seed of the renders that estimate the true means.
 pub const OTHER_SEEDS: u32 = 1 << 30;
 
 /// A failure mode on a scene.
 pub struct SceneCase {
-    /// F1 … F18, F24.
+    /// F1 … F18, F24, F25.
     pub mode: &'static str,
     pub name: &'static str,
     /// Description of the scene.
@@ -93,6 +93,7 @@ pub fn scene_cases() -> Result<[SceneCase; SCENES]> {
         position: Vec3::new(0.5, 1.0, 0.5),
         direction: Vec3::NEG_Y,
         range: f32::INFINITY,
+        size: 0.0,
     });
 
     let mut sobol = lit_from_infinity();
@@ -130,6 +131,20 @@ pub fn scene_cases() -> Result<[SceneCase; SCENES]> {
         [0.0, 0.9, 0.0],
         Material { double_sided: true, ..lambert(0.0) },
     );
+
+    // Beside the place where the sphere touches the floor it covers half of the directions.
+    let mut touching = Scene::default();
+    floor(&mut touching, [-3.0, 3.0], metal(0.5));
+    touching.lights.push(PunctualLight {
+        motion: Vec::new(),
+        name: "sphere".into(),
+        kind: PunctualKind::Point,
+        intensity: Vec3::splat(0.5),
+        position: Vec3::new(0.0, 0.2, 0.0),
+        direction: Vec3::NEG_Y,
+        range: f32::INFINITY,
+        size: 0.2,
+    });
 
     let direct = Integrator::Direct;
     Ok([
@@ -176,6 +191,7 @@ pub fn scene_cases() -> Result<[SceneCase; SCENES]> {
             walled,
             0.3,
         )?,
+        build("F25", "a sphere that touches a surface", "a lamp on a glossy floor", direct, touching, 0.2)?,
     ])
 }
 

@@ -34,19 +34,24 @@ impl Environment {
     /// Default light for scenes without light: a grey gradient, brighter above, with a large soft key light and a smaller rim
     /// light. A white surface that faces the key light reflects a radiance of about 1.
     pub fn studio() -> Self {
-        const HEIGHT: usize = 64;
-        let pixel = |row: usize, column: usize| {
-            let theta = PI * (row as f32 + 0.5) / HEIGHT as f32;
-            let phi = PI * ((column as f32 + 0.5) / HEIGHT as f32 - 1.0);
-            let d = Vec3::new(theta.sin() * phi.cos(), theta.cos(), theta.sin() * phi.sin());
+        Self::made("studio", 64, |d| {
             let lights = STUDIO_LIGHTS
                 .iter()
                 .map(|(at, radiance, power)| radiance * d.dot(at.normalize()).max(0.0).powf(*power));
             [0.22 + 0.14 * d.y + lights.sum::<f32>(); 3]
+        })
+    }
+
+    /// An environment of `height` rows and twice as many columns, by the radiance from unit directions.
+    pub(super) fn made(name: &str, height: u32, radiance: impl Fn(Vec3) -> [f32; 3]) -> Self {
+        let (width, rows) = (2 * height, height as f32);
+        let pixel = |row: u32, column: u32| {
+            let theta = PI * (row as f32 + 0.5) / rows;
+            let phi = PI * ((column as f32 + 0.5) / rows - 1.0);
+            radiance(Vec3::new(theta.sin() * phi.cos(), theta.cos(), theta.sin() * phi.sin()))
         };
-        let pixels = (0..HEIGHT).flat_map(|row| (0..2 * HEIGHT).map(move |column| pixel(row, column))).collect();
-        let (width, height) = (2 * HEIGHT as u32, HEIGHT as u32);
-        Self { name: "studio".into(), width, height, pixels, rotation: 0.0, strength: 1.0 }
+        let pixels = (0..width * height).map(|i| pixel(i / width, i % width)).collect();
+        Self { name: name.into(), width, height, pixels, rotation: 0.0, strength: 1.0 }
     }
 
     /// Do both share the same decoded pixels, with equal rotation and strength?

@@ -20,7 +20,8 @@ pub enum PunctualKind {
     },
 }
 
-/// A light without extent, in world space.
+/// A light of KHR_lights_punctual, in world space. The extension knows no sizes; with one, a point or spot light is a sphere and a
+/// directional light a disc at infinity, with the same irradiance.
 #[derive(Debug, Clone)]
 pub struct PunctualLight {
     /// Name for messages.
@@ -35,9 +36,15 @@ pub struct PunctualLight {
     pub direction: Vec3,
     /// Distance in metres beyond which the light is zero (point, spot), > 0; infinite if unlimited.
     pub range: f32,
+    /// Radius in metres of a point or spot light, at most [`MAX_RADIUS`]; half of the angle in radians that a directional light
+    /// subtends, at most π/2. 0 for a light without a size.
+    pub size: f32,
     /// Keys while the shutter is open, evenly spaced in time: at least two, or none if the light does not change.
     pub motion: Vec<LightKey>,
 }
+
+/// Largest radius of a light in metres: its square is finite as a 32-bit float.
+pub const MAX_RADIUS: f32 = 1e9;
 
 /// State of a punctual light at one time.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -51,6 +58,12 @@ pub struct LightKey {
 }
 
 impl PunctualLight {
+    /// Sets the size to a `radius` in metres or, of a directional light, to that of a disc with this `angle` in radians across.
+    pub fn set_size(&mut self, radius: Option<f32>, angle: Option<f32>) {
+        let own = if self.kind == PunctualKind::Directional { angle.map(|angle| 0.5 * angle) } else { radius };
+        self.size = own.unwrap_or(self.size);
+    }
+
     /// The state at the picture's own time.
     #[inline]
     pub fn key(&self) -> LightKey {

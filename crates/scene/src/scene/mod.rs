@@ -17,6 +17,7 @@ pub mod material;
 pub mod mesh;
 pub mod motion;
 pub mod placed;
+pub mod sky;
 pub mod texture;
 
 pub use camera::{Camera, Projection};
@@ -24,11 +25,12 @@ pub use camera::{Camera, Projection};
 pub use choose::choose;
 pub use environment::Environment;
 pub use framing::Framing;
-pub use lights::{LightKey, PunctualKind, PunctualLight};
+pub use lights::{LightKey, MAX_RADIUS, PunctualKind, PunctualLight};
 pub use material::{AlphaMode, Encoding, Material, TextureRef, TextureSlot, Textures};
 pub use mesh::{Deformation, Instance, MAX_COORDINATE, Mesh, Object, Positions};
 pub use motion::Motion;
 pub use placed::{FieldOfView, Orbit, PlacedCamera};
+pub use sky::ClearSky;
 pub use texture::{Filter, Image, StoredImage, Texels, Texture, Wrap};
 
 /// A scene, ready to be built into ray queries. Lengths in metres; glTF's axes (+y up, right-handed).

@@ -7,7 +7,7 @@ use std::iter::once;
 use glam::Vec3;
 
 use crate::integrator::data::context::WaveContext;
-use crate::integrator::data::queues::{LightKind, PathRays, ShadowRays};
+use crate::integrator::data::queues::{KINDS, LightKind, PathRays, ShadowRays};
 use crate::integrator::data::requests::RequestGroup;
 use crate::integrator::data::vertices::Vertices;
 use crate::lanes::{F, LANES, Survivors, V3};
@@ -38,7 +38,7 @@ pub struct LightSampleGroup {
     pub is_environment: F,
     /// Shading points and normals that lights were sampled from.
     pub from: (V3, V3),
-    /// Indices of the area lights; without meaning for the environment.
+    /// [`LightSamples::emitter`](crate::light::LightSamples::emitter).
     pub emitter: [u32; LANES],
     /// Density per solid angle times samples per path of the technique.
     pub weighted_pdf: F,
@@ -84,7 +84,7 @@ pub struct BorrowedLight {
     /// What it adds to the path, linear RGB.
     pub radiance: Vec3,
     /// The same by [`LightKind`].
-    pub by_kind: [Vec3; 3],
+    pub by_kind: [Vec3; KINDS],
 }
 
 /// Receives what happens to the paths of a wave. Events come in a fixed order, and in that of the functions here at each depth.

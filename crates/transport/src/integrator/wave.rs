@@ -45,6 +45,7 @@ impl Wave {
         let light = &mut PathLight { radiance, lending, clients };
         (&mut *light, through.histories()).begin(&at);
         while at.depth < transport.longest_path() && rays.len > 0 {
+            through.sized_lights(&at, rays, non_finite, light, counts);
             trace(&at, rays, hits, counts);
             through.resolve(&at, rays, hits, non_finite, light);
             sort::sort(transport, at.depth, rays, hits, sorted);

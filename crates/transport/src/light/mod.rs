@@ -6,7 +6,8 @@
 //! | --- | --- | --- | --- |
 //! | [`environment`] | [`radiance_pdf`](EnvironmentSampler::radiance_pdf) | [`sample`](EnvironmentSampler::sample) | with the radiance, by one look-up |
 //! | [`area`] | [`radiance`](AreaLights::radiance) | [`sample`](AreaLights::sample) | [`pdf`](AreaLights::pdf) |
-//! | [`punctual`] | none: rays cannot hit them | [`sample`](punctual::sample) | 0 |
+//! | [`sized`]: punctual lights with a size | [`hit`](SizedLights::hit) | [`sample`](SizedLights::sample) | with the radiance |
+//! | [`punctual`], without a size | none: rays cannot hit them | [`sample`](punctual::sample) | 0 |
 
 pub mod area;
 pub mod environment;
@@ -14,6 +15,7 @@ pub mod learn;
 pub mod learned;
 pub mod punctual;
 pub mod samples;
+pub mod sized;
 pub mod tree;
 
 use std::sync::Arc;
@@ -21,6 +23,7 @@ use std::sync::Arc;
 use glam::Vec3;
 
 use crate::lanes::{F, LANES, V3};
+use crate::sampling::warp::ONE_MINUS_EPSILON;
 use crate::scene::Primitive;
 use crate::scene::Scene;
 pub use area::AreaLights;
@@ -29,17 +32,23 @@ pub use learn::LightSampleRecord;
 pub use learned::LearnedLights;
 pub use punctual::PunctualSample;
 pub use samples::{LightProposal, LightSampleContext, LightSamples};
+pub use sized::{SizedHit, SizedLights};
 
 /// All lights of a scene. Environment and area lights are either two techniques, or one technique whose samples choose the
-/// kind at random. Punctual lights are separate: BSDF sampling never finds them.
+/// kind at random. Punctual lights with a size count as area lights. Those without are separate: BSDF sampling never finds them.
 #[derive(Debug)]
 pub struct Lights {
     /// The environment, if it is not black.
     pub environment: Option<Arc<EnvironmentSampler>>,
     /// Emissive triangles, if any.
     pub area: Option<AreaLights>,
-    /// Whether there are punctual lights.
+    /// Punctual lights with a size, if any.
+    pub sized: Option<SizedLights>,
+    /// Whether there are punctual lights without one.
     pub punctual: bool,
+    /// The probability, among samples of area lights, of emissive triangles: by power, between 0.1 and 0.9 if there are lights with
+    /// a size too, otherwise 1 or 0.
+    triangle_probability: f32,
     /// The probability of the environment by power: between 0.1 and 0.9 if there are area lights too, otherwise 1 or 0.
     environment_probability: f32,
 }
@@ -63,28 +72,41 @@ impl Lights {
         });
         let make = || scene.environment.as_ref().and_then(EnvironmentSampler::new).map(Arc::new);
         let environment = reused.or_else(make);
-        let area = AreaLights::new(scene);
-        let environment_probability = match (&environment, &area) {
-            (Some(environment), Some(area)) => {
+        let (area, sized) = (AreaLights::new(scene), SizedLights::new(scene, radius));
+        let [triangles, of_sized] =
+            [area.as_ref().map_or(0.0, AreaLights::power), sized.as_ref().map_or(0.0, SizedLights::power)];
+        let environment_probability = match &environment {
+            Some(environment) if area.is_some() || sized.is_some() => {
                 // Power through the scene's bounding disk against emitted power; both kinds are always sampled.
                 let env = environment.mean_luminance() * std::f32::consts::PI * radius * radius;
-                let emitters = area.power();
+                let emitters = triangles + of_sized;
                 (env / (env + emitters)).clamp(0.1, 0.9)
             }
-            (Some(_), None) => 1.0,
-            _ => 0.0,
+            Some(_) => 1.0,
+            None => 0.0,
         };
-        Self { environment, area, punctual: !scene.lights.is_empty(), environment_probability }
+        let triangle_probability = match (&area, &sized) {
+            (Some(_), Some(_)) => (1.0 / (1.0 + of_sized / triangles)).clamp(0.1, 0.9),
+            (Some(_), None) => 1.0,
+            (None, _) => 0.0,
+        };
+        let punctual = scene.lights.iter().any(|light| light.size == 0.0);
+        Self { environment, area, sized, punctual, triangle_probability, environment_probability }
     }
 
     /// Whether any light has an extent.
     pub fn has_extent(&self) -> bool {
-        self.environment.is_some() || self.area.is_some()
+        self.environment.is_some() || self.has_area()
+    }
+
+    /// Whether there are area lights: emissive triangles, or punctual lights with a size.
+    fn has_area(&self) -> bool {
+        self.area.is_some() || self.sized.is_some()
     }
 
     /// Whether there are both an environment and area lights.
     pub fn two_kinds(&self) -> bool {
-        self.environment.is_some() && self.area.is_some()
+        self.environment.is_some() && self.has_area()
     }
 
     /// The proposal without anything learned: by radiance, power and the light tree.
@@ -104,28 +126,50 @@ impl Lights {
         numbers: [F; 3],
     ) -> LightSamples {
         let mask = toward_environment.to_bitmask();
-        match (&self.environment, &self.area) {
-            (Some(environment), None) => environment.sample(proposal, numbers),
-            (Some(environment), Some(_)) if mask == ALL_LANES => environment.sample(proposal, numbers),
-            (None, Some(area)) => area.sample(context, proposal, numbers),
-            (Some(_), Some(area)) if mask == 0 => area.sample(context, proposal, numbers),
-            (Some(environment), Some(area)) => {
+        match &self.environment {
+            Some(environment) if mask == ALL_LANES || !self.has_area() => environment.sample(proposal, numbers),
+            Some(environment) if mask != 0 => {
                 let a = environment.sample(proposal, numbers);
-                let b = area.sample(context, proposal, numbers);
-                LightSamples {
-                    wi: V3::select(toward_environment, a.wi, b.wi),
-                    distance: toward_environment.select(a.distance, b.distance),
-                    end: toward_environment.select(a.end, b.end),
-                    radiance: V3::select(toward_environment, a.radiance, b.radiance),
-                    pdf: toward_environment.select(a.pdf, b.pdf),
-                    emitter: b.emitter,
-                }
+                LightSamples::select(toward_environment, &a, &self.sample_area(context, proposal, numbers))
+            }
+            _ => self.sample_area(context, proposal, numbers),
+        }
+    }
+
+    /// Samples directions toward area lights.
+    #[inline(always)]
+    fn sample_area(&self, context: &LightSampleContext, proposal: &LightProposal, numbers: [F; 3]) -> LightSamples {
+        match (&self.area, &self.sized) {
+            (Some(area), None) => area.sample(context, proposal, numbers),
+            (None, Some(sized)) => sized.sample(context, numbers),
+            (Some(area), Some(sized)) => {
+                let (own, [choice, u, v]) = (F::splat(self.triangle_probability), numbers);
+                let to_triangles = choice.simd_lt(own);
+                let rest = to_triangles.select(choice / own, (choice - own) / (F::ONE - own));
+                let numbers = [rest.fast_max(F::ZERO).fast_min(F::splat(ONE_MINUS_EPSILON)), u, v];
+                let [a, b] = [area.sample(context, proposal, numbers), sized.sample(context, numbers)];
+                let samples = LightSamples::select(to_triangles, &a, &b);
+                LightSamples { pdf: samples.pdf * to_triangles.select(own, F::ONE - own), ..samples }
             }
             (None, None) => {
                 let (wi, radiance) = (V3::splat(Vec3::Z), V3::splat(Vec3::ZERO));
                 LightSamples { wi, distance: F::ONE, end: F::ONE, radiance, pdf: F::ZERO, emitter: [0; LANES] }
             }
         }
+    }
+
+    /// What a ray sees of a light with a size, by [`SizedLights::hit`]; the density is that of [`sample`](Self::sample).
+    #[inline]
+    pub fn sized_hit(
+        &self,
+        scene: &Scene,
+        index: usize,
+        from: (Vec3, Vec3),
+        direction: Vec3,
+        time: f32,
+    ) -> Option<SizedHit> {
+        let hit = self.sized.as_ref()?.hit(scene, index, from, direction, time)?;
+        Some(SizedHit { pdf: hit.pdf * (1.0 - self.triangle_probability), ..hit })
     }
 
     /// Radiance (linear RGB) of the environment from `wi`, and the density per solid angle with which [`sample`](Self::sample)
@@ -151,6 +195,7 @@ impl Lights {
         distance: f32,
         proposal: &LightProposal,
     ) -> f32 {
-        self.area.as_ref().map_or(0.0, |a| a.pdf(at, from, hit, wi, distance, proposal.learned))
+        let pdf = self.area.as_ref().map_or(0.0, |a| a.pdf(at, from, hit, wi, distance, proposal.learned));
+        pdf * self.triangle_probability
     }
 }

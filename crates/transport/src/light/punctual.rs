@@ -1,4 +1,4 @@
-//! Punctual lights: only light sampling finds them, so they need no MIS weight.
+//! Punctual lights without a size: only light sampling finds them, so they need no MIS weight.
 
 use glam::Vec3;
 
@@ -57,17 +57,18 @@ pub fn sample(context: &LightSampleContext, _proposal: &LightProposal, [choice, 
     }
 }
 
-/// Chooses one of `lights` in proportion to its unoccluded irradiance at `p`, by `choice` in [0, 1), at a time in [0, 1] of the
+/// Chooses one of the `lights` without a size in proportion to its unoccluded irradiance at `p`, by `choice` in [0, 1), at a time in [0, 1] of the
 /// shutter. `None` if none reaches `p`.
 #[inline]
 pub fn choose(lights: &[PunctualLight], p: Vec3, choice: f32, time: f32) -> Option<PunctualSample> {
-    let total: f32 = lights.iter().map(|l| luminance(irradiance(l, p, time).2)).sum();
+    let points = || lights.iter().enumerate().filter(|(_, light)| light.size == 0.0);
+    let total: f32 = points().map(|(_, l)| luminance(irradiance(l, p, time).2)).sum();
     if total <= 0.0 || !total.is_finite() {
         return None;
     }
     let mut rest = choice * total;
     let mut chosen = None;
-    for (index, light) in lights.iter().enumerate() {
+    for (index, light) in points() {
         let (wi, distance, e) = irradiance(light, p, time);
         let weight = luminance(e);
         if weight > 0.0 {
@@ -99,6 +100,12 @@ pub fn irradiance(light: &PunctualLight, p: Vec3, time: f32) -> (Vec3, f32, Vec3
     }
     let distance = distance2.sqrt();
     let wi = to / distance;
+    (wi, distance, intensity * (left(light, direction, wi, distance) / distance2))
+}
+
+/// What is left of a light with an axis `direction` at this distance in metres, in the direction of a spot whose opposite is `wi`.
+#[inline]
+pub(super) fn left(light: &PunctualLight, direction: Vec3, wi: Vec3, distance: f32) -> f32 {
     let fade = match light.kind {
         PunctualKind::Spot { inner, outer } => {
             let (cos_inner, cos_outer) = (inner.cos(), outer.cos());
@@ -108,6 +115,5 @@ pub fn irradiance(light: &PunctualLight, p: Vec3, time: f32) -> (Vec3, f32, Vec3
         }
         _ => 1.0,
     };
-    let in_range = (1.0 - (distance / light.range).powi(4)).max(0.0);
-    (wi, distance, intensity * (fade * in_range / distance2))
+    fade * (1.0 - (distance / light.range).powi(4)).max(0.0)
 }

@@ -2,7 +2,7 @@
 
 use super::environment::Density;
 use super::learned::LearnedLights;
-use crate::lanes::{F, LANES, V3};
+use crate::lanes::{F, LANES, V3, eight};
 use crate::sampling::warp::ONE_MINUS_EPSILON;
 use crate::scene::Scene;
 
@@ -34,12 +34,31 @@ pub struct LightSamples {
     /// Radiance along `wi` without occlusion, linear RGB. Of punctual lights: irradiance at normal incidence over the
     /// probability of the choice.
     pub radiance: V3,
-    /// Densities per solid angle, over all lights of the same kind (environment or area lights); 1 for punctual lights. 0 where
+    /// Densities per solid angle, over all lights of the same kind (environment, or area lights and lights with a size); 1 for punctual lights. 0 where
     /// the sample is on a side that does not emit, or where no punctual light reaches the point: such a sample counts with
     /// value zero.
     pub pdf: F,
-    /// Indices of the area lights or punctual lights; without meaning for the environment.
+    /// Indices of the area lights or punctual lights, [`SIZED`] for lights with a size; without meaning for the environment.
     pub emitter: [u32; LANES],
+}
+
+/// Stands for an index of area lights where the sample is of a light with a size.
+pub const SIZED: u32 = u32::MAX;
+
+impl LightSamples {
+    /// `a` where the mask is set, else `b`.
+    #[inline(always)]
+    pub fn select(mask: F, a: &Self, b: &Self) -> Self {
+        let bits = mask.to_bitmask();
+        Self {
+            wi: V3::select(mask, a.wi, b.wi),
+            distance: mask.select(a.distance, b.distance),
+            end: mask.select(a.end, b.end),
+            radiance: V3::select(mask, a.radiance, b.radiance),
+            pdf: mask.select(a.pdf, b.pdf),
+            emitter: eight(|lane| if bits >> lane & 1 == 1 { a.emitter[lane] } else { b.emitter[lane] }),
+        }
+    }
 }
 
 /// Bound on the rounding error of a point on a surface, relative to the largest coordinate that it was computed from: that of

@@ -90,6 +90,13 @@ impl RayBatch {
         V3 { x: load(x, rows), y: load(y, rows), z: load(z, rows) }
     }
 
+    /// The origins of eight rays.
+    #[inline(always)]
+    pub fn origins(&self, rows: &Rows) -> V3 {
+        let [x, y, z] = &self.origin;
+        V3 { x: load(x, rows), y: load(y, rows), z: load(z, rows) }
+    }
+
     /// The time of a ray; 0 where nothing moves.
     #[inline]
     pub fn time(&self, i: usize) -> f32 {

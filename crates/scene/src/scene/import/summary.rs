@@ -42,6 +42,12 @@ pub struct LightSummary {
     /// Range in metres, if limited.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub range: Option<f32>,
+    /// Radius in metres, if it has one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub radius: Option<f32>,
+    /// Angle in degrees that a directional light subtends, if it does.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub angle: Option<f32>,
 }
 
 /// Summary of a material.
@@ -214,7 +220,11 @@ fn light(light: &crate::scene::PunctualLight) -> LightSummary {
         PunctualKind::Spot { .. } => "spot",
     };
     let range = Some(light.range).filter(|range| range.is_finite() && kind != "directional");
-    LightSummary { name: light.name.clone(), kind, intensity: light.intensity.to_array(), range }
+    let size = Some(light.size).filter(|size| *size > 0.0);
+    let directional = kind == "directional";
+    let (radius, angle) = (size.filter(|_| !directional), size.filter(|_| directional));
+    let angle = angle.map(|half| 2.0 * half.to_degrees());
+    LightSummary { name: light.name.clone(), kind, intensity: light.intensity.to_array(), range, radius, angle }
 }
 
 fn features(m: &Material) -> Vec<&'static str> {

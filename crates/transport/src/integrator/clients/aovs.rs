@@ -53,7 +53,7 @@ impl PathEvents for Aovs<'_> {
     fn emission(&mut self, at: &WaveContext, rays: &PathRays, found: &FoundEmission) {
         let path = rays.path[found.ray as usize];
         if let Some(extras) = self.extras.get_mut(at.pixel(path)) {
-            extras.add_light(found.kind as usize, found.radiance);
+            extras.add_light(found.kind.group(), found.radiance);
             let passed_wall = rays.passed_wall.get(found.ray as usize).is_some_and(|passed| *passed);
             if at.depth == 0 && found.kind == LightKind::Area && !passed_wall {
                 extras.add_emission(found.radiance);
@@ -67,7 +67,7 @@ impl PathEvents for Aovs<'_> {
     fn unoccluded(&mut self, at: &WaveContext, shadows: &ShadowRays, found: &UnoccludedLight) {
         let path = shadows.path[found.row];
         if let Some(extras) = self.extras.get_mut(at.pixel(path)) {
-            extras.add_light(shadows.kind(found.row) as usize, found.radiance);
+            extras.add_light(shadows.kind(found.row).group(), found.radiance);
         }
         if at.depth == 0 {
             self.add_direct(path, found.radiance);
@@ -76,7 +76,10 @@ impl PathEvents for Aovs<'_> {
 
     fn borrowed(&mut self, at: &WaveContext, light: &BorrowedLight) {
         if let Some(extras) = self.extras.get_mut(at.pixel(light.path)) {
-            light.by_kind.iter().enumerate().for_each(|(kind, radiance)| extras.add_light(kind, *radiance));
+            LightKind::ALL
+                .iter()
+                .zip(light.by_kind)
+                .for_each(|(kind, radiance)| extras.add_light(kind.group(), radiance));
         }
     }
 

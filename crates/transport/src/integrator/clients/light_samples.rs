@@ -1,4 +1,4 @@
-//! Light samples of area lights, from which light selection is learned.
+//! Light samples of emissive triangles, from which light selection is learned.
 
 use crate::color::luminance;
 use crate::integrator::data::context::WaveContext;
@@ -8,6 +8,7 @@ use crate::integrator::data::vertices::Vertices;
 use crate::integrator::events::{LightSampleGroup, PathEvents, UnoccludedLight};
 use crate::lanes::{U, eight, grow, mask, store_bits};
 use crate::light::LightSampleRecord;
+use crate::light::samples::SIZED;
 
 /// Records the light samples of area lights.
 #[derive(Debug, Default)]
@@ -44,7 +45,7 @@ impl PathEvents for LightSampleRecorder {
         let path = group.path_ids.path.to_array();
         let record_of = eight(|lane| {
             let record = self.records.len() as u32;
-            if recorded >> lane & 1 == 1 {
+            if recorded >> lane & 1 == 1 && samples.emitter[lane] != SIZED {
                 self.records.push(LightSampleRecord {
                     position: position.lane(lane),
                     normal: normal.lane(lane),

@@ -117,6 +117,9 @@ impl SortedHits {
     }
 }
 
+/// Number of [`LightKind`]s.
+pub const KINDS: usize = 4;
+
 /// The kinds of light sources.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LightKind {
@@ -124,8 +127,20 @@ pub enum LightKind {
     Environment,
     /// Emissive surfaces.
     Area,
-    /// Point, spot and directional lights.
+    /// Point, spot and directional lights without a size.
     Punctual,
+    /// The same with a size.
+    Sized,
+}
+
+impl LightKind {
+    /// All kinds, by their numbers.
+    pub const ALL: [Self; KINDS] = [Self::Environment, Self::Area, Self::Punctual, Self::Sized];
+
+    /// Number of the group of light that it adds to: environment, emissive surfaces, punctual lights.
+    pub fn group(self) -> usize {
+        (self as usize).min(Self::Punctual as usize)
+    }
 }
 
 /// Columns of [`ShadowRays`] for [`glass_shadows`](crate::integrator::through::glass_shadows).
@@ -217,6 +232,6 @@ impl ShadowRays {
     /// Kind of the light at the end of a ray.
     #[inline]
     pub fn kind(&self, row: usize) -> LightKind {
-        [LightKind::Environment, LightKind::Area, LightKind::Punctual][self.kind[row] as usize]
+        LightKind::ALL[self.kind[row] as usize]
     }
 }

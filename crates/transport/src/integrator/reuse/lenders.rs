@@ -2,6 +2,8 @@
 
 use glam::Vec3;
 
+use crate::integrator::data::queues::KINDS;
+
 /// Marks a sample or a ray that lends nothing.
 pub const NONE: u32 = u32::MAX;
 
@@ -28,9 +30,9 @@ pub struct Lender {
     /// Unit directions at it: of its light sample, of its sample of the punctual lights, of its path's next ray.
     pub directions: [Vec3; 3],
     /// By [`LightKind`](crate::integrator::data::queues::LightKind), outgoing radiance of light samples toward the own first surface, linear RGB.
-    pub sampled: [Vec3; 3],
+    pub sampled: [Vec3; KINDS],
     /// The same of what its path finds from there on.
-    pub beyond: [Vec3; 3],
+    pub beyond: [Vec3; KINDS],
 }
 
 impl Lender {

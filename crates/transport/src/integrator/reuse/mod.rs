@@ -21,7 +21,7 @@ use super::data::context::WaveContext;
 use super::data::counts::WaveCounts;
 use super::data::history::MIRROR_PDF;
 use super::data::path_states::NonFiniteSamples;
-use super::data::queues::{LightKind, PathRays, ShadowRays};
+use super::data::queues::{KINDS, LightKind, PathRays, ShadowRays};
 use super::data::requests::RequestGroup;
 use super::data::transport::Transport;
 use super::data::vertices::Vertices;
@@ -106,8 +106,8 @@ impl Lending {
                     self.lenders.push(Lender {
                         y: row as u32,
                         directions: [Vec3::ZERO; 3],
-                        sampled: [Vec3::ZERO; 3],
-                        beyond: [Vec3::ZERO; 3],
+                        sampled: [Vec3::ZERO; KINDS],
+                        beyond: [Vec3::ZERO; KINDS],
                     });
                     vertices.beta.set(row, Vec3::ONE);
                 } else {
@@ -177,7 +177,7 @@ impl Lending {
             }
         }
         pairs.evaluate(at.transport, vertices, samples, lenders, counts);
-        for (sample, sums) in samples.iter().zip(&pairs.borrowed).filter(|(_, sums)| **sums != [Vec3::ZERO; 3]) {
+        for (sample, sums) in samples.iter().zip(&pairs.borrowed).filter(|(_, sums)| **sums != [Vec3::ZERO; KINDS]) {
             let a_b = at.paths[sample.path as usize].samples_per_path[2];
             let by_kind = sums.map(|sum| vertices[0].beta.get(sample.x as usize) * sum / a_b);
             let radiance = by_kind.iter().sum::<Vec3>();

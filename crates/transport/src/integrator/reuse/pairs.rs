@@ -10,6 +10,7 @@ use super::lenders::{FirstSample, Lender};
 use crate::bsdf::{Core, Lobe, Parameters};
 use crate::integrator::data::counts::{WaveCounts, timed};
 use crate::integrator::data::history::MIRROR_PDF;
+use crate::integrator::data::queues::{KINDS, LightKind};
 use crate::integrator::data::transport::Transport;
 use crate::integrator::data::vertices::Vertices;
 use crate::integrator::stages::mixture::{self, Mixture};
@@ -62,13 +63,13 @@ pub struct Pairs {
     /// Density of the direction in area measure; zero where the pair takes no part.
     pdf: Vec<f32>,
     /// By kind of light, what is lent, but for the divisor.
-    radiance: [V3Column; 3],
+    radiance: [V3Column; KINDS],
     /// Visibility rays, and their pairs.
     rays: RayBatch,
     pair_of: Vec<u32>,
     occluded: Vec<bool>,
     /// By sample and kind of light, what it borrows, for a throughput of one.
-    pub borrowed: Vec<[Vec3; 3]>,
+    pub borrowed: Vec<[Vec3; KINDS]>,
 }
 
 impl Pairs {
@@ -76,12 +77,12 @@ impl Pairs {
     pub fn begin(&mut self, lights: &Lights, samples: usize) {
         let Self { kinds, .. } = self;
         kinds.clear();
-        let present = [lights.environment.is_some(), lights.area.is_some(), lights.punctual];
-        kinds.extend((0..3).filter(|kind| present[*kind]));
+        let present = [lights.environment.is_some(), lights.area.is_some(), lights.punctual, lights.sized.is_some()];
+        kinds.extend((0..KINDS).filter(|kind| present[*kind]));
         self.ends.clear();
         self.lenders.clear();
         self.borrowed.clear();
-        self.borrowed.resize(samples, [Vec3::ZERO; 3]);
+        self.borrowed.resize(samples, [Vec3::ZERO; KINDS]);
     }
 
     /// Adds a lender with all members of its group.
@@ -154,7 +155,8 @@ impl Pairs {
                         let value = values[direction].lane(lane);
                         Vec3::select(value.cmpgt(Vec3::ZERO), found / value, Vec3::ZERO)
                     };
-                    lender.sampled[kind] = over(lender.sampled[kind], usize::from(kind == 2));
+                    lender.sampled[kind] =
+                        over(lender.sampled[kind], usize::from(kind == LightKind::Punctual as usize));
                     lender.beyond[kind] = over(lender.beyond[kind], 2);
                 }
             }
@@ -205,7 +207,7 @@ impl Pairs {
         for &kind in &self.kinds {
             let sampled = V3::gather(eight(|lane| lender[lane].sampled[kind]));
             let beyond = V3::gather(eight(|lane| lender[lane].beyond[kind]));
-            let lent = sampled * values[usize::from(kind == 2)] + beyond * values[2];
+            let lent = sampled * values[usize::from(kind == LightKind::Punctual as usize)] + beyond * values[2];
             self.radiance[kind].store(first, f * lent * to_area);
         }
         let own = F::from(own.map(|own| if own { 1.0 } else { 0.0 })).simd_gt(F::ZERO);

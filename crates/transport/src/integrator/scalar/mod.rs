@@ -28,7 +28,7 @@ use crate::integrator::through::back_faces::{beyond, is_culled};
 use crate::integrator::through::emission_rays::emission_seed;
 use crate::integrator::through::thin_walls::{self, is_wall};
 use crate::lanes::{F, LANES, U, V3, unit_interval};
-use crate::light::{LightSampleContext, punctual};
+use crate::light::{LightSampleContext, SizedLights, punctual};
 use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
 use crate::sampling::{PixelSequence, hash, keys, pixel_seed};
 
@@ -230,8 +230,10 @@ impl<'a> Tracer<'a> {
             rays.tnear[0] = beyond(hits.t[0]);
             t.rays.closest_hits(&rays, RayOrder::Incoherent, &mut hits);
         }
+        let sized = self.sized_lights(ray, depth);
         let ray = &Ray { beta, ..*ray };
-        let straight = if t.passes_bodies() { self.straight_behind_bodies(ray, depth, &hits) } else { Vec3::ZERO };
+        let behind = if t.passes_bodies() { self.straight_behind_bodies(ray, depth, &hits) } else { Vec3::ZERO };
+        let straight = sized + behind;
         // The medium of a camera ray is that of the boundary that it hits from inside.
         let medium = match depth {
             0 if hits.mesh[0] != MISS => {
@@ -355,6 +357,24 @@ impl<'a> Tracer<'a> {
     /// Samples per path of each technique at the vertex at `depth`.
     fn samples_per_path(&self, depth: u32) -> [f32; 3] {
         if depth == 0 { self.samples_per_path } else { self.transport.deeper_samples_per_path() }
+    }
+
+    /// Light of the lights with a size that a ray hits.
+    fn sized_lights(&mut self, ray: &Ray, depth: u32) -> Vec3 {
+        let t = self.transport;
+        let (mut sum, from) = (Vec3::ZERO, (ray.origin, ray.normal));
+        let count = t.lights.sized.as_ref().map_or(0, SizedLights::count);
+        for index in (0..count).filter(|_| depth > 0 && !ray.history.is_refracted()) {
+            let Some(hit) = t.lights.sized_hit(t.scene, index, from, ray.direction, ray.time) else { continue };
+            let absorption = t.materials.media[if t.passes_bodies() { 0 } else { ray.medium as usize }];
+            let mut to_light = RayBatch::default();
+            to_light.push(ray.origin, ray.direction, 0.0, hit.end, ray.key);
+            to_light.time.extend(t.geometry.moves.then_some(ray.time));
+            let left =
+                transmittance(absorption, hit.distance) * self.unoccluded(to_light, ray.history.is_rough(), ray.medium);
+            sum += self.emission(&Ray { beta: ray.beta * left, ..*ray }, depth, hit.radiance, [0.0, hit.pdf]);
+        }
+        sum
     }
 
     /// Emission that a ray hits, with the MIS weight for light-sample densities `pdf` (environment, area lights).

@@ -100,6 +100,7 @@ impl Tracer<'_> {
         }
         let mut hits = HitBatch::default();
         rays.closest_hits(&ray, RayOrder::Incoherent, &mut hits);
+        let bodies = bodies && self.transport.passes_bodies();
         let mut straight = StraightRay { left: Vec3::ONE, medium, start: 0.0, last: None };
         for _ in 0..MAX_WALLS {
             if !self.pass(&mut straight, &mut ray, &mut hits, bodies) {

@@ -115,7 +115,7 @@ struct Emission {
 }
 
 impl Emission {
-    /// What it adds to the ray's path, weighted against light samples by MIS; `None` if that is nothing.
+    /// What it adds to the ray's path, weighted against light samples by MIS and clamped; `None` if that is nothing.
     #[inline]
     fn weighted(
         self,
@@ -124,20 +124,7 @@ impl Emission {
         rays: &PathRays,
         non_finite: &mut NonFiniteSamples,
     ) -> Option<FoundEmission> {
-        let WaveContext { transport, depth, .. } = *at;
-        let [a_env, a_area, _] = match depth {
-            1 => at.paths[rays.path[ray] as usize].samples_per_path,
-            _ => transport.deeper_samples_per_path(),
-        };
-        // At first surfaces, light samples are not subject to roulette.
-        let has_roulette = depth > 1 && transport.proposal.has_roulette();
-        let probability = if has_roulette { rays.light_probability[ray] } else { 1.0 };
-        let weighted_light = probability * (a_env * self.pdf[0] + a_area * self.pdf[1]);
-        let weight = match weighted_light > 0.0 {
-            true => transport.heuristic.weight(rays.weighted_pdf[ray], weighted_light),
-            false => 1.0,
-        };
-        let radiance = rays.beta.get(ray) * self.radiance * weight;
+        let radiance = rays.beta.get(ray) * self.radiance * mis_weight(at, rays, ray, self.pdf);
         if !radiance.is_finite() {
             non_finite.add(rays.path[ray]);
             return None;
@@ -145,8 +132,31 @@ impl Emission {
         if radiance == Vec3::ZERO {
             return None;
         }
-        let limit = if depth == 0 { f32::INFINITY } else { transport.limits[(depth > 1) as usize] };
-        let (radiance, _) = clamp_contribution(radiance, limit);
+        let (radiance, _) = clamp_contribution(radiance, limit(at));
         Some(FoundEmission { ray: ray as u32, radiance, pdf: self.pdf, kind: self.kind })
+    }
+}
+
+/// The clamp of emission that rays find.
+pub fn limit(at: &WaveContext) -> f32 {
+    if at.depth == 0 { f32::INFINITY } else { at.transport.limits[(at.depth > 1) as usize] }
+}
+
+/// The MIS weight of emission at the end of a ray against light samples with these densities per solid angle: environment, area
+/// lights.
+#[inline]
+pub fn mis_weight(at: &WaveContext, rays: &PathRays, ray: usize, pdf: [f32; 2]) -> f32 {
+    let WaveContext { transport, depth, .. } = *at;
+    let [a_env, a_area, _] = match depth {
+        1 => at.paths[rays.path[ray] as usize].samples_per_path,
+        _ => transport.deeper_samples_per_path(),
+    };
+    // At first surfaces, light samples are not subject to roulette.
+    let has_roulette = depth > 1 && transport.proposal.has_roulette();
+    let probability = if has_roulette { rays.light_probability[ray] } else { 1.0 };
+    let weighted_light = probability * (a_env * pdf[0] + a_area * pdf[1]);
+    match weighted_light > 0.0 {
+        true => transport.heuristic.weight(rays.weighted_pdf[ray], weighted_light),
+        false => 1.0,
     }
 }

@@ -15,6 +15,7 @@ use crate::integrator::data::transport::Transport;
 use crate::integrator::data::vertices::Vertices;
 use crate::integrator::events::{LightSampleGroup, PathEvents, UnoccludedLight};
 use crate::lanes::{F, LANES, Survivors, U, V3, load, load_bits, mask};
+use crate::light::samples::SIZED;
 use crate::light::{LightSampleContext, LightSamples, punctual};
 use crate::sampling::{hashes, keys, samples};
 
@@ -106,7 +107,10 @@ fn sample_extended(
     let weight = transport.heuristic.weights(weighted_pdf, a_b * bsdf_pdf);
     let radiance = vertices.beta.load(rows) * value * light.radiance * (weight / weighted_pdf);
     let [environment, area] = [LightKind::Environment, LightKind::Area].map(|kind| U::splat(kind as u32));
-    let kind = cast::<F, U>(is_environment).select(environment, area);
+    let mut kind = cast::<F, U>(is_environment).select(environment, area);
+    if transport.lights.sized.is_some() {
+        kind = U::from(light.emitter).simd_eq(U::splat(SIZED)).select(U::splat(LightKind::Sized as u32), kind);
+    }
     let found = Found { light, radiance, bsdf_pdf, kind };
     let (survivors, first_row, radiance) =
         push_shadow_rays(transport, depth, vertices, bsdf, group, &found, (non_finite, shadows));

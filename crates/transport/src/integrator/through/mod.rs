@@ -1,11 +1,12 @@
 //! What lies between ray queries and stages: back faces and thin walls that rays pass, shadows of glass, camera rays for
-//! emission.
+//! emission, lights with a size.
 
 pub mod back_faces;
 pub mod emission_rays;
 pub mod glass_shadows;
 pub mod history;
 pub mod passing;
+pub mod sized_lights;
 pub mod thin_walls;
 
 use super::data::context::WaveContext;
@@ -19,6 +20,7 @@ use emission_rays::EmissionRays;
 use glass_shadows::GlassShadows;
 use history::Histories;
 use passing::Passing;
+use sized_lights::SizedLightHits;
 
 /// All that lies between ray queries and stages; one per thread.
 #[derive(Debug, Default)]
@@ -26,9 +28,22 @@ pub struct Through {
     passing: Passing,
     glass_shadows: GlassShadows,
     emission_rays: EmissionRays,
+    sized_lights: SizedLightHits,
 }
 
 impl Through {
+    /// Adds the light of lights with a size that rays hit, before they are traced.
+    pub fn sized_lights<E: PathEvents>(
+        &mut self,
+        at: &WaveContext,
+        rays: &mut PathRays,
+        non_finite: &mut NonFiniteSamples,
+        clients: &mut E,
+        counts: &mut WaveCounts,
+    ) {
+        self.sized_lights.find(at, rays, &mut self.passing, non_finite, clients, counts);
+    }
+
     /// Takes rays to the surfaces that they see: replaces their hits, and tells `clients` of them.
     pub fn resolve<E: PathEvents>(
         &mut self,

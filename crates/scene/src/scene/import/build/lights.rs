@@ -29,7 +29,10 @@ pub fn place(from: &Light, node: &str, world: &DAffine3, notes: &mut Notes) -> O
         return None;
     };
     let name = from.name.clone().unwrap_or_else(|| node.into());
-    Some(PunctualLight { name, kind, intensity, position, direction, range: from.range, motion: Vec::new() })
+    let mut light =
+        PunctualLight { name, kind, intensity, position, direction, range: from.range, size: 0.0, motion: Vec::new() };
+    light.set_size(from.size.radius, from.size.angle);
+    Some(light)
 }
 
 /// Largest emitted radiance, and intensity of a light: sums of squares over a picture stay finite as 32-bit floats. A laser

@@ -111,7 +111,8 @@ pub fn flatten(
             continue;
         }
         let light = content.light.map(|light| document.lights.get(light)).transpose()?;
-        if let Some(placed) = light.and_then(|light| lights::place(light, &node.name, &world, notes)) {
+        if let Some(mut placed) = light.and_then(|light| lights::place(light, &node.name, &world, notes)) {
+            placed.set_size(node.light_size.radius, node.light_size.angle);
             let motion: Option<Vec<_>> = time_samples[..shutter_samples].iter().map(|m| m.lights[index]).collect();
             let motion = motion.filter(|keys| keys.iter().any(|key| *key != placed.key()));
             out.lights.push(PunctualLight { motion: motion.unwrap_or_default(), ..placed });

@@ -1,6 +1,6 @@
 //! Punctual lights of the document (KHR_lights_punctual).
 
-use std::f32::consts::FRAC_PI_2;
+use std::f32::consts::{FRAC_PI_2, PI};
 
 use glam::Vec3;
 use gltf::json::extensions::scene::khr_lights_punctual::{self, Type};
@@ -9,8 +9,8 @@ use gltf::json::validation::Checked;
 use super::json::Json;
 use super::typed::read;
 use crate::error::Result;
-use crate::scene::PunctualKind;
 use crate::scene::import::report::Notes;
+use crate::scene::{MAX_RADIUS, PunctualKind};
 
 /// A checked light.
 #[derive(Debug)]
@@ -21,6 +21,8 @@ pub struct Light {
     pub intensity: Vec3,
     /// Distance in metres beyond which there is no light; infinite if unlimited.
     pub range: f32,
+    /// Of its `extras`.
+    pub size: Size,
     pub at: String,
 }
 
@@ -59,5 +61,29 @@ pub fn parse(json: &Json, notes: &mut Notes) -> Result<Light> {
         }
         Checked::Invalid => None,
     };
-    Ok(Light { name: from.name.filter(|n| !n.is_empty()), kind, intensity, range, at: json.at.clone() })
+    let size = Size::parse(json);
+    Ok(Light { name: from.name.filter(|n| !n.is_empty()), kind, intensity, range, size, at: json.at.clone() })
+}
+
+/// The size of a light in `extras`, where Blender's exporter writes custom properties: `radius` or `shadow_soft_size`, as
+/// Blender's Python calls it, in metres; `angle` in radians. What is no such size says nothing.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Size {
+    /// Metres.
+    pub radius: Option<f32>,
+    /// Radians, across.
+    pub angle: Option<f32>,
+}
+
+impl Size {
+    /// That in the `extras` of a light or a node.
+    pub fn parse(json: &Json) -> Self {
+        let extras = json.value().get("extras");
+        let number = |name: &str, most: f32| {
+            let number = extras?.get(name)?.as_f64()? as f32;
+            (0.0..=most).contains(&number).then_some(number)
+        };
+        let radius = number("radius", MAX_RADIUS).or_else(|| number("shadow_soft_size", MAX_RADIUS));
+        Self { radius, angle: number("angle", PI) }
+    }
 }

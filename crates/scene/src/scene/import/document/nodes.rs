@@ -7,6 +7,7 @@ use glam::{DAffine3, DMat4, DQuat, DVec3};
 use super::accessors::{Accessor, Component, Shape};
 use super::json::Json;
 use super::lengths::Lengths;
+use super::lights::Size;
 use super::primitives::{Mesh, read_weights};
 use super::table::Table;
 use crate::error::Result;
@@ -18,6 +19,8 @@ pub struct Node {
     pub name: String,
     /// `extras.category`, if it is a text.
     pub category: Option<Arc<str>>,
+    /// A size in its `extras`, which goes before that of its light.
+    pub light_size: Size,
     pub children: Vec<usize>,
     /// To the parent's space.
     pub transform: DAffine3,
@@ -54,6 +57,7 @@ impl Node {
         Ok(Self {
             name: json.name()?,
             category: category(json),
+            light_size: Size::parse(json),
             children: json.indices("children", lengths.nodes, "nodes")?,
             transform: transform(json)?,
             at: json.at.clone(),

@@ -1,0 +1,108 @@
+//! A clear sky with its sun, at infinity.
+
+use std::f32::consts::{FRAC_PI_2, PI};
+use std::str::FromStr;
+
+use glam::Vec3;
+use hw_skymodel::rgb::{Channel, SkyParams, SkyState};
+
+use super::environment::Environment;
+use super::lights::{PunctualKind, PunctualLight};
+
+/// A clear sky: Hošek and Wilkie 2012, *An Analytic Model for Full Spectral Sky-Dome Radiance*, over a ground of albedo
+/// [`GROUND_ALBEDO`], and black below the horizon. Radiance has the unit of Mitsuba's `sunsky`: luminance over 683 · 106.857 cd/m².
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ClearSky {
+    /// Height of the sun above the horizon in radians, from 0 to π/2.
+    elevation: f32,
+    /// Direction of the sun about +y in radians: 0 in +z, π/2 in +x, as azimuths of [`Orbit`](super::Orbit).
+    azimuth: f32,
+    /// Haze: 1 pure air, 3 a clear day, 10 the haziest.
+    turbidity: f32,
+}
+
+/// Of the ground, for light that the sky has from it. As Mitsuba's default.
+const GROUND_ALBEDO: f32 = 0.3;
+/// Luminance of the model's RGB data over radiance: the integral of the CIE 1931 ȳ in nanometres.
+const CIE_Y: f32 = 106.856_98;
+/// Rows of the environment.
+const HEIGHT: u32 = 512;
+/// Angle that the sun subtends, in radians.
+const SUN_ANGLE: f32 = 0.5358 * PI / 180.0;
+
+impl FromStr for ClearSky {
+    type Err = String;
+
+    /// `ELEVATION,AZIMUTH[,TURBIDITY]`, angles in degrees.
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong = || "not ELEVATION,AZIMUTH[,TURBIDITY], as in 40,120 or 40,120,3".to_owned();
+        let numbers = text.split(',').map(|number| number.trim().parse::<f32>());
+        let numbers: Vec<_> = numbers.collect::<Result<_, _>>().map_err(|_| wrong())?;
+        let (elevation, azimuth, turbidity) = match numbers[..] {
+            [elevation, azimuth] => (elevation, azimuth, 3.0),
+            [elevation, azimuth, turbidity] => (elevation, azimuth, turbidity),
+            _ => return Err(wrong()),
+        };
+        if !(0.0..=90.0).contains(&elevation) || !azimuth.is_finite() || !(1.0..=10.0).contains(&turbidity) {
+            return Err("elevation is from 0 to 90, turbidity from 1 to 10".into());
+        }
+        let elevation = elevation.to_radians().min(FRAC_PI_2);
+        Ok(Self { elevation, azimuth: (azimuth % 360.0).to_radians(), turbidity })
+    }
+}
+
+impl ClearSky {
+    /// Unit direction toward the sun.
+    fn toward_sun(&self) -> Vec3 {
+        let ((sin, cos), (x, z)) = (self.elevation.sin_cos(), self.azimuth.sin_cos());
+        Vec3::new(x * cos, sin, z * cos)
+    }
+
+    /// The sky without the sun.
+    pub fn environment(&self, strength: f32) -> Environment {
+        let Self { elevation, turbidity, .. } = *self;
+        let sun = self.toward_sun();
+        // The parameters are in the model's range.
+        let state = SkyState::new(&SkyParams { elevation, turbidity, albedo: [GROUND_ALBEDO; 3] }).ok();
+        let sky = Environment::made("sky", HEIGHT, |d| {
+            let above = state.as_ref().filter(|_| d.y > 0.0);
+            let radiance =
+                |state: &SkyState, channel| state.radiance(d.y.acos(), d.angle_between(sun), channel).max(0.0) / CIE_Y;
+            above.map_or([0.0; 3], |state| [Channel::R, Channel::G, Channel::B].map(|channel| radiance(state, channel)))
+        });
+        Environment { strength, ..sky }
+    }
+
+    /// The sun, a disc.
+    pub fn sun(&self, strength: f32) -> PunctualLight {
+        PunctualLight {
+            name: "sun".into(),
+            kind: PunctualKind::Directional,
+            intensity: self.sun_irradiance() * strength,
+            position: Vec3::ZERO,
+            direction: -self.toward_sun(),
+            range: f32::INFINITY,
+            size: 0.5 * SUN_ANGLE,
+            motion: Vec::new(),
+        }
+    }
+
+    /// Irradiance of the sun on a surface that faces it, linear RGB, by optical depths that were fitted to the sun of Mitsuba's
+    /// `sunsky`: within 4 % above 7 degrees. The relative air mass is that of Kasten and Young 1989.
+    fn sun_irradiance(&self) -> Vec3 {
+        let air_mass = 1.0 / (self.elevation.sin() + 0.50572 * (self.elevation.to_degrees() + 6.07995).powf(-1.6364));
+        let below = (self.turbidity as usize - 1).min(HAZE.len() - 2);
+        let haze = HAZE[below] + (HAZE[below + 1] - HAZE[below]) * (self.turbidity - 1.0 - below as f32);
+        let air = Vec3::from_array(AIR.map(|[depth, power]| depth * air_mass.powf(power)));
+        SUN_ABOVE_AIR * (-air - HAZE_COLOR * haze * air_mass.powf(1.0523)).exp()
+    }
+}
+
+/// Irradiance of the sun above the air.
+const SUN_ABOVE_AIR: Vec3 = Vec3::new(1.6264, 1.4942, 1.3501);
+/// Optical depths of air at the zenith, and the powers of the air mass by which they grow.
+const AIR: [[f32; 2]; 3] = [[0.0476, 1.1358], [0.1272, 1.0189], [0.2656, 1.0748]];
+/// Optical depths of haze at the zenith, relative to those of red light.
+const HAZE_COLOR: Vec3 = Vec3::new(1.0, 1.0965, 1.044);
+/// Those of red light, by turbidities from 1 to 10.
+const HAZE: [f32; 10] = [0.0, 0.0089, 0.0235, 0.0477, 0.0738, 0.0927, 0.1239, 0.1754, 0.2603, 0.4005];
