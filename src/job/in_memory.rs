@@ -21,7 +21,7 @@ use crate::integrator::PreparedScene;
 use crate::render::camera::lens;
 use crate::render::{Identity, Progress, RenderSettings, Rendered, RunOptions, StopReason, run};
 use crate::scene::import::{self, Summary};
-use crate::scene::{Camera, Framing, PlacedCamera, Projection, Scene};
+use crate::scene::{Calibration, Camera, Framing, PlacedCamera, Projection, Scene};
 use crate::{Error, Result};
 
 /// A camera of a scene.
@@ -29,7 +29,7 @@ use crate::{Error, Result};
 pub struct CameraInfo {
     /// Its name, for the option `camera`.
     pub name: String,
-    /// `perspective`, `orthographic` or `panorama`.
+    /// `perspective`, `orthographic`, `panorama` or `fisheye`.
     pub projection: &'static str,
     /// Vertical field of view in degrees, or half of the height in metres of an orthographic camera.
     pub vertical: f64,
@@ -37,6 +37,8 @@ pub struct CameraInfo {
     pub aspect: Option<f64>,
     /// Camera to world, row by row. A framed view is fitted to a square picture.
     pub to_world: [[f64; 4]; 4],
+    /// What was measured, if it was calibrated.
+    pub calibration: Option<Calibration>,
 }
 
 /// A scene in memory. A clone shares all that is large.
@@ -184,9 +186,15 @@ impl CameraInfo {
             Projection::Perspective { yfov } => (PERSPECTIVE, f64::from(yfov).to_degrees()),
             Projection::Orthographic { ymag, .. } => ("orthographic", f64::from(ymag)),
             Projection::Panorama => ("panorama", 180.0),
+            Projection::Calibrated(of) => of.described(),
+        };
+        let calibration = match camera.projection {
+            Projection::Calibrated(of) => Some(of),
+            _ => None,
         };
         let to_world = glam::Mat4::from(camera.to_world).transpose().as_dmat4().to_cols_array_2d();
-        Self { name: camera.name.clone(), projection, vertical, aspect: camera.aspect.map(f64::from), to_world }
+        let aspect = camera.aspect.map(f64::from);
+        Self { name: camera.name.clone(), projection, vertical, aspect, to_world, calibration }
     }
 }
 
