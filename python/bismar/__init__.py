@@ -17,7 +17,8 @@ from __future__ import annotations
 import json
 import os
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Callable, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
+from typing import TYPE_CHECKING, Any, Callable, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Union
 
 import numpy as np
 
@@ -194,8 +195,8 @@ class Scene:
     @property
     def cameras(self) -> List[Camera]:
         """The file's cameras, the view `framed` that shows the whole scene, and those that were added."""
-        cameras = enumerate(self._native.cameras())
-        return [Camera(index, *of, None if of_lens is None else json.loads(of_lens)) for index, (*of, of_lens) in cameras]
+        lens = lambda text: None if text is None else json.loads(text)  # noqa: E731
+        return [Camera(index, *of[:5], lens(of[5])) for index, of in enumerate(self._native.cameras())]
 
     @property
     def bounds(self) -> Optional[Tuple[Tuple[float, float, float], Tuple[float, float, float]]]:
@@ -426,20 +427,24 @@ class Picture:
         self,
         path: Path,
         *,
-        view: str = "agx",
+        view: Path = "agx",
+        view_space: Optional[str] = None,
         exposure: Union[float, str] = "auto",
         resumable: bool = False,
         half: bool = False,
+        colorspace: str = "rec709",
     ) -> None:
         """Writes the picture: .exr with all layers; .png, .jpg or lossless .webp through a view transform.
 
-        view: "agx", "neutral", "aces" or "srgb"; exposure: stops, or "auto" (not for .exr).
+        view: "agx", "neutral", "aces", "srgb" or a LUT (.cube), and view_space what the LUT takes (docs/looks.md);
+            exposure: stops, or "auto" (not for .exr).
         resumable: also store what `bismar render --resume` and `merge` need (.exr). An interrupted picture always has it.
-        half: colours as 16-bit floats (.exr).
+        half: colours as 16-bit floats (.exr). colorspace: their primaries, "rec709", "acescg" or "rec2020" (.exr).
 
         A file is complete or not there. Raises FileError if it cannot be written.
         """
-        self._native.save(path, view, _text(exposure), resumable, half)
+        shown = _flags({"view": view, "view_space": view_space})
+        self._native.save(path, shown, _text(exposure), resumable, half, colorspace)
 
     def _repr_png_(self) -> bytes:
         """The picture in a notebook: a PNG with the view AgX and the automatic exposure."""
@@ -528,7 +533,8 @@ def merge(
     output: Path,
     *,
     preview: Optional[Path] = None,
-    view: Optional[str] = None,
+    view: Optional[Path] = None,
+    view_space: Optional[str] = None,
     exposure: Union[float, str, None] = None,
     statistics: bool = True,
 ) -> None:
@@ -573,11 +579,13 @@ def develop(
     input: Path,
     output: Optional[Path] = None,
     *,
-    view: Optional[str] = None,
+    view: Optional[Path] = None,
+    view_space: Optional[str] = None,
     exposure: Union[float, str, None] = None,
     layer: Optional[str] = None,
 ) -> None:
-    """Converts an EXR or HDR picture to PNG by a view transform ("agx", "neutral", "aces", "srgb") and an exposure in stops.
+    """Converts an EXR or HDR picture to PNG by a view transform ("agx", "neutral", "aces", "srgb", or a LUT in a .cube file,
+    which takes `view_space`: docs/looks.md) and an exposure in stops.
 
     output: [default: the picture's name with .png, in the same folder]. layer: shown instead of the beauty.
     """

@@ -17,12 +17,16 @@ else:
 SIZE = dict(w=1920, h=1080)
 LENSES = {
     "pinhole": dict(camera_model="PINHOLE", fl_x=500, fl_y=520, cx=900.3, cy=610.7),
-    "barrel": dict(camera_model="OPENCV", fl_x=1100, fl_y=1092, cx=942.2, cy=551.7, k1=-0.28, k2=0.09, k3=-0.012, p1=-8e-4, p2=5e-4),
+    "barrel": dict(
+        camera_model="OPENCV", fl_x=1100, fl_y=1092, cx=942.2, cy=551.7, k1=-0.28, k2=0.09, k3=-0.012, p1=-8e-4, p2=5e-4
+    ),  # fmt: skip
     "rational": dict(
         camera_model="FULL_OPENCV", fl_x=840, fl_y=862, cx=971.8, cy=533.3,
-        k1=0.31, k2=-0.05, k3=0.001, k4=0.62, k5=-0.02, k6=0.004, p1=6e-4, p2=-4e-4,
+        k1=0.5, k2=0.06, k3=0.002, k4=0.8, k5=0.14, k6=0.006, p1=6e-4, p2=-4e-4,
     ),  # fmt: skip
-    "fisheye": dict(camera_model="OPENCV_FISHEYE", fl_x=520, fl_y=523, cx=955.5, cy=546, k1=0.03, k2=-0.008, k3=0.004, k4=-0.001),
+    "fisheye": dict(
+        camera_model="OPENCV_FISHEYE", fl_x=520, fl_y=523, cx=955.5, cy=546, k1=0.03, k2=-0.008, k3=0.004, k4=-4e-4
+    ),  # fmt: skip
 }
 
 
@@ -63,15 +67,15 @@ def projected(lens, points):
 def test_points_are_where_opencv_projects_them(wall, name):
     lens = {**LENSES[name], **SIZE}
     # Turned about the view axis, and moved: OpenCV has x right, y down, z along the view.
-    turn = np.radians(17)
-    matrix = np.array([[np.cos(turn), -np.sin(turn), 0, 0.3], [np.sin(turn), np.cos(turn), 0, -0.2], [0, 0, 1, 0.5], [0, 0, 0, 1]])
+    c, s = np.cos(np.radians(17)), np.sin(np.radians(17))
+    matrix = np.array([[c, -s, 0, 0.3], [s, c, 0, -0.2], [0, 0, 1, 0.5], [0, 0, 0, 1]])
     camera = wall.add_camera(matrix[:3], intrinsics=lens, name=name)
     assert camera.intrinsics.items() >= lens.items()
     widest, compared = 0.0, 0
-    windows = [(x, y, x + 12, y + 12) for x in (0, 480, 954, 1400, 1908) for y in (0, 250, 534, 800, 1068)]
+    windows = [(x, y, x + 12, y + 12) for x in (0, 480, 954, 1400, 1908) for y in (0, 250, 800)]
     for x0, y0, x1, y1 in windows:
         # Means over each pixel: its points lie around its middle.
-        picture = wall.render(camera, spp=256, crop=(x0, y0, x1, y1), filter="box", aovs=["position", "depth"], max_depth=2)
+        picture = wall.render(camera, spp=128, crop=(x0, y0, x1, y1), filter="box", aovs=["position", "depth"], max_depth=2)
         hit = picture["depth"][..., 0] < 1e9
         rows, columns = np.nonzero(hit)
         points = (picture["position"][hit].astype(float) - matrix[:3, 3]) @ matrix[:3, :3] * [1, -1, -1]
@@ -83,12 +87,16 @@ def test_points_are_where_opencv_projects_them(wall, name):
         error = np.abs(found - np.stack([columns + x0 + 0.5, rows + y0 + 0.5], -1))[near]
         assert error.max() < 0.01, (x0, y0, error.max())
         widest, compared = max(widest, angles[near].max()), compared + near.sum()
-    assert compared > 1000 and widest > (40 if name == "barrel" else 55), (compared, widest)
+    assert compared > 1000 and widest > (45 if name == "rational" else 55), (compared, widest)
 
 
 def test_intrinsics_that_cannot_be_are_refused(wall):
     lens = {**LENSES["barrel"], **SIZE}
-    for change, why in [(dict(k1=-0.9, k2=0), "folds the picture at"), (dict(k1=float("nan")), "not finite"), (dict(fl_x="a"), "intrinsics")]:
+    for change, why in [
+        (dict(k1=-0.9, k2=0), "folds the picture at"),
+        (dict(k1=float("nan")), "not finite"),
+        (dict(fl_x="a"), "intrinsics"),
+    ]:
         with pytest.raises(bismar.UsageError, match=why):
             wall.add_camera(np.eye(4), intrinsics={**lens, **change})
     with pytest.raises(bismar.UsageError, match="either fov or intrinsics"):

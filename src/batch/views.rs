@@ -155,7 +155,7 @@ impl Intrinsics {
         let by_angle = || Some(0.5 * self.w? / (0.5 * self.camera_angle_x?).tan());
         let fl_x = self.fl_x.or(self.fl_y).or_else(by_angle);
         let fl_y = self.fl_y.or(fl_x);
-        let differ = |a: Option<f64>, b: Option<f64>, by: f64| a.zip(b).is_some_and(|(a, b)| !((a - b).abs() <= by));
+        let differ = |a: Option<f64>, b: Option<f64>, by: f64| a.zip(b).is_some_and(|(a, b)| (a - b).abs() > by);
         // Through 32-bit matrices, which pictures of plain cameras have in their headers.
         let square = !differ(fl_x, fl_y, 1e-6 * fl_x.unwrap_or_default().abs());
         let middle = |centre: Option<f64>, size: Option<f64>| {

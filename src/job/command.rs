@@ -15,9 +15,9 @@ use crate::render::checkpoint::{json, text};
 pub const ATTRIBUTE: &str = "bismar.command";
 /// What decides what is in a picture. Nothing else is written into a header, or read from one: it may be of somebody else.
 #[rustfmt::skip]
-const OF_THE_PICTURE: [&str; 51] = [
+const OF_THE_PICTURE: [&str; 52] = [
     "adaptive", "animation", "aov", "aperture", "back-faces", "balance", "camera", "clamp-direct", "clamp-indirect",
-    "compensation", "crop", "denoise", "energy-compensation", "env-rotate", "env-strength", "filter", "focus", "fps", "frame",
+    "colorspace", "compensation", "crop", "denoise", "energy-compensation", "env-rotate", "env-strength", "filter", "focus", "fps", "frame",
     "glass-shadows", "ground", "guiding", "guiding-memory", "half", "integrator", "learned-lights",
     "lens-blades", "light-unit", "max-depth", "min-spp", "motion-steps", "no-clip", "no-env", "noise", "orbit", "path-reuse",
     "pilot", "placed", "pose", "preset", "rays", "scene-name", "seed", "seed-per-frame", "shutter", "size", "sky", "spp", "time",

@@ -165,7 +165,12 @@ impl<'a> OutputWriter<'a> {
         if self.denoised.borrow().is_some() {
             return develop_file(self.request, path, rendered.background, &mark).map(drop);
         }
-        preview::write(path, &rendered.pixels(), Look { view: self.request.view, exposure: stats.exposure }, &mark)
+        preview::write(
+            path,
+            &rendered.pixels(),
+            &Look { view: self.request.view.clone(), exposure: stats.exposure },
+            &mark,
+        )
     }
 
     fn add_write_seconds(&self, start: Instant) {
@@ -186,12 +191,12 @@ pub fn develop_file(request: &RenderRequest, png: &Path, background: Background,
         picture.rgb = Picture::open(output, Some(DENOISED_LAYER))?.rgb;
     }
     let opaque = background != Background::Transparent;
-    preview::write_picture(png, &picture, opaque, Look { view: request.view, exposure }, mark)?;
+    preview::write_picture(png, &picture, opaque, &Look { view: request.view.clone(), exposure }, mark)?;
     Ok(exposure)
 }
 
 /// Text stored in a PNG, which differs for PNGs of other renders, views, exposures and numbers of paths.
 pub fn preview_mark(request: &RenderRequest, inputs: &Inputs, paths: u64) -> String {
     let key = inputs.identity(request, &request.settings).request(&request.requested());
-    format!("view {}, exposure {}, {paths} paths of {key}", request.view.name(), request.exposure)
+    format!("view {}, exposure {}, {paths} paths of {key}", request.view.key(), request.exposure)
 }

@@ -23,8 +23,8 @@ pub fn camera(scene: &Scene, settings: &RenderSettings) -> CameraRays {
 /// The lens of a render with these settings; `None` for a pinhole.
 ///
 /// # Errors
-/// [`Error::Usage`] for a panorama and a fisheye, which have no focal plane, for an f-stop of an orthographic camera, which has no focal
-/// length, and for automatic focus where the middle of the picture shows nothing.
+/// [`Error::Usage`] for a panorama and a fisheye, which have no focal plane, for an f-stop of an orthographic camera, which has no
+/// focal length, and for automatic focus where the middle of the picture shows nothing.
 pub fn lens(scene: &PreparedScene, settings: &RenderSettings) -> Result<Option<Lens>> {
     let Some(requested) = settings.lens else { return Ok(None) };
     let RenderSettings { camera: index, width, height, .. } = *settings;

@@ -151,6 +151,11 @@ fn check_same_render(first: &Earlier, inputs: &[Earlier]) -> Result<()> {
         if other.record.half != first.record.half {
             return Err(Error::Data(format!("{name} and {first_name}: only one of them has 16-bit colours (--half)")));
         }
+        if other.record.colorspace != first.record.colorspace {
+            return Err(Error::Data(format!(
+                "{name} and {first_name}: their colours have other primaries (--colorspace)"
+            )));
+        }
         let [ours, theirs] = [first, other].map(|i| settings(i).part);
         if ours.map(|p| p.of) != theirs.map(|p| p.of) {
             let of = |part: Option<Part>| part.map_or("the whole".into(), |p| format!("part {p}"));

@@ -116,7 +116,7 @@ impl Distortion<f64> {
             if error <= 1e-13 * (1.0 + to[0].hypot(to[1])) {
                 return Some(at);
             }
-            if !(error < 0.5 * last) {
+            if error >= 0.5 * last || error.is_nan() {
                 return None;
             }
             (at, last) = (self.step(at, to), error);
@@ -193,8 +193,8 @@ impl Calibration {
         let fault = fold.is_finite().then(|| {
             let angle = if self.fisheye { fold } else { fold.atan() }.to_degrees();
             format!(
-                "its distortion folds the picture at {angle:.1} degrees from the view axis, inside the frame or right beside it: \
-                 use the coefficients of a calibration that reaches the corners, or the camera of a crop"
+                "its distortion folds the picture at {angle:.1} degrees from the view axis, inside the frame or right beside \
+                 it: use the coefficients of a calibration that reaches the corners, or the camera of a crop"
             )
         });
         let error = |i: usize| {

@@ -34,7 +34,7 @@ pub enum FieldOfView {
 }
 
 /// A camera that is placed by a matrix. Text form: 16 numbers row by row, the field of view with `v` or `h` before it, or
-/// `panorama`, or `pinhole` or `fisheye` with the other numbers of a [`Calibration`] after colons; the name; separated by commas.
+/// `panorama`, or `pinhole` or `fisheye` with the other numbers of a [`Calibration`] after colons; the name; with commas between.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlacedCamera {
     /// Its name.
