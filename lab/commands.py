@@ -42,6 +42,7 @@ WAYS = {
 LEFT_OUT = {
     "quiet": "output", "verbose": "output", "log": "output", "help": "output", "output": "given to every command",
     "progress": "output", "stats": "another file", "preview": "another file", "view": "of the preview",
+    "view-space": "of the preview", "colorspace": "the same in other primaries",
     "exposure": "of the preview", "tev": "a viewer", "replay-pixel": "no picture", "strict": "refuses scenes",
     "denoise": "a library of others", "time": "stops by the clock", "preset": "other defaults of flags that are here",
     "frames": "a way", "threads": "a way", "part": "a way", "resume": "a way", "checkpoint": "a way", "keep": "a way",

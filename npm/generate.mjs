@@ -19,6 +19,7 @@ function type({ switch: isSwitch, number, choices, value }) {
   if (choices.length > 0) {
     const also = choices.length === 1 || choices.includes("on") || choices.includes("true");
     const one = choices.map((choice) => JSON.stringify(choice)).join(" | ") + (also ? " | boolean" : "");
+    if (value.includes("FILE")) return `${one} | (string & {})`;
     return value === "LIST" ? `${one} | readonly (${one})[]` : one;
   }
   if (number) return "number | string";

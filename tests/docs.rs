@@ -22,6 +22,7 @@ fn commands_of_short_pages_run() {
         ("check.md", "out/check/index.html"),
         ("datasets.md", "out/set/0003.normal.npy"),
         ("look.md", "out/versions.png"),
+        ("looks.md", "out/again.png"),
     ] {
         let folder = tempfile::tempdir().unwrap();
         // Copies: `check` refuses files that a link leads to.

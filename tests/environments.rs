@@ -8,7 +8,7 @@ use exr::meta::attribute::Chromaticities;
 use exr::prelude::*;
 
 use crate::helpers::glb;
-use crate::helpers::program::{assert_same_bits, expect};
+use crate::helpers::program::{assert_same_bits, bits, expect, scene};
 
 const AP1: [f32; 8] = [0.713, 0.293, 0.165, 0.830, 0.128, 0.044, 0.32168, 0.33767];
 const XYZ: [f32; 8] = [1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.333_333, 0.333_333];
@@ -122,4 +122,94 @@ fn radiance_pictures_of_other_programs_light_as_radiances_own() {
         expect(path, &format!("compare {name}.hdr own.hdr --max-relmse 0"), 0);
         expect(path, &format!("develop {name}.hdr -o {name}.png -q"), 0);
     }
+}
+
+#[test]
+fn pictures_in_other_primaries_say_so_and_are_read_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    fs::copy(scene("cornell.glb"), path.join("c.glb")).unwrap();
+    let line = "render c.glb --size 24x16 --spp 8 -q --aov all";
+    expect(path, &format!("{line} -o a.exr --preview a.png"), 0);
+    for (space, primaries) in [("acescg", AP1), ("rec2020", [0.708, 0.292, 0.170, 0.797, 0.131, 0.046, 0.3127, 0.3290])]
+    {
+        expect(path, &format!("{line} --colorspace {space} -o b.exr --preview b.png"), 0);
+        let image = read_first_flat_layer_from_file(path.join("b.exr")).unwrap();
+        let c = image.attributes.chromaticities.unwrap();
+        assert_eq!([c.red, c.green, c.blue, c.white].map(|Vec2(x, y)| [x, y]).as_flattened(), primaries);
+        // Other numbers in the file, and the same colours in all that is read; the variance too.
+        let (plain, other) = (bits(&path.join("a.exr")), bits(&path.join("b.exr")));
+        for ((name, ours), (_, theirs)) in plain.iter().zip(&other) {
+            let is_color = ["R", "G", "B"].iter().any(|c| name.ends_with(c)) && !name.starts_with("Crypto");
+            assert!(is_color && !name.starts_with("variance") || ours == theirs, "{name}");
+        }
+        let is_other = |wanted: &str| plain.iter().zip(&other).any(|((name, a), (_, b))| name == wanted && a != b);
+        assert!(["R", "albedo.G", "direct.B", "light_surfaces.R", "guide_albedo.B"].into_iter().all(is_other));
+        for layer in ["", "--layer albedo", "--layer light_surfaces", "--layer variance"] {
+            expect(path, &format!("compare b.exr a.exr {layer} --max-relmse 1e-9 -q"), 0);
+        }
+        let [a, b] = ["a.exr", "b.exr"].map(|name| bismar::film::exr_file::read(&path.join(name)).unwrap().variance);
+        assert_eq!(a, b);
+        assert_eq!(fs::read(path.join("a.png")).unwrap().len(), fs::read(path.join("b.png")).unwrap().len());
+        // Parts keep it; a picture in other primaries is no part of it, and is not taken for finished.
+        expect(path, &format!("{line} --colorspace {space} --part 1/2 -o p1.exr"), 0);
+        expect(path, &format!("{line} --colorspace {space} --part 2/2 -o p2.exr"), 0);
+        expect(path, &format!("{line} --part 2/2 -o q2.exr"), 0);
+        expect(path, "merge p1.exr p2.exr -o merged.exr -q", 0);
+        assert_same_bits(&path.join("merged.exr"), &path.join("b.exr"));
+        assert!(expect(path, "merge p1.exr q2.exr -o x.exr", 65).contains("--colorspace"));
+        assert!(!expect(path, &format!("{line} --resume -o b.exr"), 65).contains("nothing to do"));
+    }
+}
+
+#[test]
+fn a_lut_is_a_view_and_what_is_none_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    fs::copy(scene("cornell.glb"), path.join("c.glb")).unwrap();
+    fs::create_dir(path.join("looks")).unwrap();
+    let invert = "# input space: rec709\nLUT_3D_SIZE 2\nDOMAIN_MAX 0.5 0.5 0.5\n\
+                  1 1 1\n0 1 1\n1 0 1\n0 0 1\n1 1 0\n0 1 0\n1 0 0\n0 0 0\n";
+    fs::write(path.join("looks/i.cube"), invert).unwrap();
+    let line = "render c.glb --size 24x16 --spp 4 -q --exposure 1";
+    expect(path, &format!("{line} --view looks/i.cube -o a.exr --preview a.png"), 0);
+    let (linear, shown) =
+        (bismar::film::exr_file::read(&path.join("a.exr")).unwrap(), image::open(path.join("a.png")).unwrap());
+    for (color, pixel) in linear.rgb.iter().zip(shown.into_rgb8().pixels()) {
+        let near = |(x, byte): (&f32, &u8)| (255.0 * (1.0 - (4.0 * x).min(1.0)) - f32::from(*byte)).abs() <= 1.0;
+        assert!(color.iter().zip(&pixel.0).all(near), "{color:?} {pixel:?}");
+    }
+    let said = expect(path, "develop a.exr -o b.png --view looks/i.cube --exposure 1", 0);
+    assert!(said.contains("view looks/i.cube, exposure 1 EV"), "{said}");
+    let pixels = |name: &str| image::open(path.join(name)).unwrap().into_rgb8();
+    assert!(pixels("a.png") == pixels("b.png"));
+    // In a batch it lies beside the file; the preview is made again if the LUT is another.
+    let jobs = "[[job]]\nscene = \"../c.glb\"\nsize = [24, 16]\nspp = 4\nexposure = 1\noutput = \"c.exr\"\n\
+                preview = \"c.png\"\nview = \"i.cube\"\n";
+    fs::write(path.join("looks/jobs.toml"), jobs).unwrap();
+    expect(path, "batch looks/jobs.toml", 0);
+    assert!(pixels("a.png") == pixels("looks/c.png"));
+    fs::write(path.join("looks/i.cube"), invert.replace("DOMAIN_MAX 0.5 0.5 0.5", "DOMAIN_MAX 2 2 2")).unwrap();
+    expect(path, "batch looks/jobs.toml", 0);
+    assert!(pixels("a.png") != pixels("looks/c.png"));
+
+    fs::write(path.join("quiet.cube"), invert.replace('#', "# no")).unwrap();
+    assert!(expect(path, "develop a.exr -o b.png --view quiet.cube", 0).contains("linear Rec. 709 is assumed"));
+    fs::write(path.join("nan.cube"), "LUT_1D_SIZE 2\n0 0 0\n1 nan 1\n").unwrap();
+    fs::File::create(path.join("large.cube")).unwrap().set_len(1 << 30).unwrap();
+    for (view, code, why) in [
+        ("nan.cube", 65, "line 3: not finite"),
+        ("large.cube", 65, "bytes are more"),
+        ("none.cube", 66, "none.cube"),
+        ("looks", 64, "possible values"),
+        ("agx --view-space rec709", 64, "input of a LUT"),
+        ("quiet.cube --view-space sepia", 64, "none of rec709"),
+    ] {
+        for line in ["develop a.exr -o x.png", "render c.glb -o x.exr --preview x.png"] {
+            let said = expect(path, &format!("{line} --view {view}"), code);
+            assert!(said.contains(why), "{view}: {said}");
+        }
+    }
+    assert!(expect(path, "develop a.exr -o looks/i.cube --view looks/i.cube", 64).contains(".png"));
+    assert!(!path.join("x.exr").exists() && !path.join("x.png").exists());
 }

@@ -206,13 +206,102 @@ fn cameras_of_crops_are_those_of_the_cropped_pictures() {
         assert!(["fl_x", "fl_y", "transform_matrix"].iter().all(|key| cut[key] == all[key]), "{cut} {all}");
         assert!((number("camera_angle_x") - 2.0 * (20.0 / number("fl_x")).atan()).abs() < 1e-12);
     }
-    // A crop in the middle is a camera of its own; another would be a shifted lens.
-    expect(path, "render c.glb --cameras middle/transforms.json --spp 1 --aov depth -o again/#.exr -q", 0);
-    let [middle, again] = ["middle", "again"].map(|name| json_of(&path.join(format!("{name}/transforms.json"))));
+    // A crop is a camera of its own, with a principal point off the middle.
+    for name in ["middle", "cut"] {
+        expect(
+            path,
+            &format!("render c.glb --cameras {name}/transforms.json --spp 1 --aov depth -o {name}2/#.exr -q"),
+            0,
+        );
+    }
+    let [middle, again] = ["middle", "middle2"].map(|name| json_of(&path.join(format!("{name}/transforms.json"))));
     for key in ["w", "h", "cx", "cy", "fl_x", "fl_y"] {
         let of = |all: &Value| all["frames"][1][key].as_f64().unwrap();
         // Through 32-bit matrices.
         assert!((of(&middle) / of(&again) - 1.0).abs() < 1e-5, "{key}: {middle} {again}");
     }
-    assert!(expect(path, "render c.glb --cameras cut/transforms.json --spp 1 -o x/#.exr", 65).contains("cx is 22"));
+    let [first, second] = ["cut", "cut2"].map(|name| json_of(&path.join(format!("{name}/transforms.json"))));
+    assert_eq!(first["frames"][1]["cx"], second["frames"][1]["cx"]);
+    // The same views, but for their noise.
+    expect(path, "compare cut2/1.exr cut/1.exr --layer depth --max-relmse 0.05 -q", 0);
+}
+
+#[test]
+fn calibrated_cameras_are_written_as_they_were_read_and_depths_along_the_axis_are_of_them() {
+    let folder = folder();
+    let path = folder.path();
+    let rows = [[1, 0, 0, 0], [0, 1, 0, 1], [0, 0, 1, 3]];
+    let lens = json!({"w": 64, "h": 48, "fl_x": 41.5, "fl_y": 40.25, "cx": 30.125, "cy": 25.5});
+    for (name, model, more) in [
+        ("linear", "PINHOLE", json!({})),
+        ("opencv", "OPENCV", json!({"k1": -0.11, "k2": 0.02, "p1": 0.003, "p2": -0.002})),
+        ("full", "FULL_OPENCV", json!({"k1": 0.2, "k4": 0.3, "k6": 0.01})),
+        ("fisheye", "OPENCV_FISHEYE", json!({"k1": -0.03, "k4": 0.001})),
+    ] {
+        let mut rig = json!({"camera_model": model, "frames": [{"file_path": "a", "transform_matrix": rows}]});
+        for (key, value) in lens.as_object().unwrap().iter().chain(more.as_object().unwrap()) {
+            rig[key] = value.clone();
+        }
+        fs::write(path.join("rig.json"), rig.to_string()).unwrap();
+        let line = format!("render c.glb --cameras rig.json --spp 4 --aov depth,position,object -q -o {name}/#.exr");
+        expect(path, &line, 0);
+        let written = json_of(&path.join(format!("{name}/transforms.json")));
+        let frame = &written["frames"][0];
+        assert!(
+            rig.as_object()
+                .unwrap()
+                .iter()
+                .all(|(key, value)| key == "frames" || frame[key] == *value || frame[key].as_f64() == value.as_f64()),
+            "{frame}"
+        );
+        assert_eq!(written["camera_model"], model);
+        // The same camera, so the same bits; and of a crop the same pixels.
+        expect(
+            path,
+            &format!(
+                "render c.glb --cameras {name}/transforms.json --spp 4 --aov depth,position,object -q -o again/#.exr"
+            ),
+            0,
+        );
+        assert_same_bits(&path.join(format!("{name}/0.exr")), &path.join("again/0.exr"));
+        fs::remove_dir_all(path.join("again")).unwrap();
+        expect(path, &format!("{line} --crop 8,8,40,40").replace(&format!("{name}/"), "cut/"), 0);
+        let cut = json_of(&path.join("cut/transforms.json"));
+        assert_eq!((&cut["frames"][0]["cx"], &cut["frames"][0]["k1"]), (&json!(22.125), &frame["k1"]));
+        fs::remove_dir_all(path.join("cut")).unwrap();
+
+        expect(path, &format!("labels {name} --depth npy --depth-along axis -q"), 0);
+        let bytes = fs::read(path.join(format!("{name}/0.depth.npy"))).unwrap();
+        let depth = bytes[bytes.len() - 4 * 64 * 48..].as_chunks::<4>().0.iter().map(|x| f32::from_le_bytes(*x));
+        let position = Picture::open(&path.join(format!("{name}/0.exr")), Some("position")).unwrap().rgb;
+        let object = Picture::open(&path.join(format!("{name}/0.exr")), Some("depth.Z")).unwrap().rgb;
+        let hits = depth.zip(&position).zip(object).filter(|((_, _), ray)| ray[0] < 1e9);
+        let off = |((depth, position), _): ((f32, &[f32; 3]), [f32; 3])| (depth / (3.0 - position[2]) - 1.0).abs();
+        let mut errors: Vec<f32> = hits.map(off).collect();
+        errors.sort_by(f32::total_cmp);
+        // By the middle of the pixel in place of its paths: few pixels lie on edges.
+        assert!(
+            errors.len() > 1000 && errors[errors.len() * 8 / 10] < 0.02,
+            "{name}: {:?}",
+            errors.get(errors.len() * 8 / 10)
+        );
+        // Merged parts keep the camera.
+        for part in [1, 2] {
+            expect(path, &format!("{line} --part {part}/2").replace(&format!("{name}/#"), &format!("p{part}-#")), 0);
+        }
+        expect(path, "merge p1-0.exr p2-0.exr -o merged.exr -q", 0);
+        assert_eq!(
+            attribute(&path.join("merged.exr"), "bismar.calibration"),
+            attribute(&path.join(format!("{name}/0.exr")), "bismar.calibration")
+        );
+        for file in ["p1-0.exr", "p2-0.exr", "merged.exr", "transforms.json"] {
+            fs::remove_file(path.join(file)).unwrap();
+        }
+    }
+    let line = "render c.glb --cameras rig.json --aperture f/2 --spp 1 -o x/#.exr";
+    assert!(expect(path, line, 64).contains("a fisheye has no focal plane"));
+    expect(path, "render c.glb --cameras opencv/transforms.json --aperture f/2 --spp 1 -o x/#.exr -q", 0);
+    expect(path, "render c.glb --cameras opencv/transforms.json --size 128x96 --spp 1 -o y/#.exr -q", 0);
+    let scaled = json_of(&path.join("y/transforms.json"));
+    assert_eq!((&scaled["frames"][0]["fl_x"], &scaled["frames"][0]["cy"]), (&json!(83.0), &json!(51.0)));
 }

@@ -131,12 +131,16 @@ export interface RenderFlags {
   aovs?: string | number | readonly (string | number)[] | undefined;
   /** Write colours and normals as 16-bit floats, which halves the file size */
   half?: boolean | undefined;
+  /** Primaries of the EXR's colours, which its attribute `chromaticities` says. The variance stays that of Rec. 709 */
+  colorspace?: "rec709" | "acescg" | "rec2020" | undefined;
   /** Hide the environment from the camera and write alpha. The environment still lights the scene */
   transparent?: boolean | undefined;
   /** Add a denoised layer `denoised`, and show it in the PNG. The beauty stays unchanged */
   denoise?: "oidn" | boolean | undefined;
-  /** View transform of the PNG */
-  view?: "agx" | "neutral" | "aces" | "srgb" | undefined;
+  /** View transform of the PNG: one of these, or a LUT (.cube) whose result is display-encoded */
+  view?: "agx" | "neutral" | "aces" | "srgb" | (string & {}) | undefined;
+  /** What the LUT takes: linear rec709, acescg or rec2020; acescct; or log2:MIN,MAX, in stops of linear Rec. 709 (also acescg-log2:MIN,MAX) [default: as its comment `# input space: SPACE` says, else rec709] */
+  view_space?: string | number | readonly (string | number)[] | undefined;
   /** Exposure of the PNG in stops, or auto: the log-mean of all parts that are not dark becomes middle grey. The value is printed and stored in the EXR header (bismar.exposure), so that other pictures of a sequence can use it */
   exposure?: string | number | readonly (string | number)[] | undefined;
   /** Refuse a scene with features that can only be approximated or ignored */

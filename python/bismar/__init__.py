@@ -17,7 +17,8 @@ from __future__ import annotations
 import json
 import os
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Callable, Dict, Iterable, Iterator, List, NamedTuple, Optional, Sequence, Tuple, Union
+from typing import TYPE_CHECKING, Any, Callable, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Union
 
 import numpy as np
 
@@ -65,7 +66,7 @@ class Camera:
     name: str
     """Name for `Scene.render(camera=)`."""
     projection: str
-    """"perspective", "orthographic" or "panorama"."""
+    """"perspective", "orthographic", "panorama" or "fisheye"."""
     vertical: float
     """Vertical field of view in degrees, or half of the height in metres of an orthographic camera."""
     aspect: Optional[float]
@@ -73,6 +74,8 @@ class Camera:
     matrix: List[List[float]]
     """Camera to world, row by row (4 x 4): it looks along its local -z axis with +y up. That of the view `framed` depends
     on the picture's aspect; this one is of a square."""
+    intrinsics: Optional[Dict[str, Any]] = None
+    """Those of a calibrated camera, by the names of transforms.json (docs/cameras.md)."""
 
 
 class Progress(NamedTuple):
@@ -197,7 +200,8 @@ class Scene:
     @property
     def cameras(self) -> List[Camera]:
         """The file's cameras, the view `framed` that shows the whole scene, and those that were added."""
-        return [Camera(index, *camera) for index, camera in enumerate(self._native.cameras())]
+        lens = lambda text: None if text is None else json.loads(text)  # noqa: E731
+        return [Camera(index, *of[:5], lens(of[5])) for index, of in enumerate(self._native.cameras())]
 
     @property
     def bounds(self) -> Optional[Tuple[Tuple[float, float, float], Tuple[float, float, float]]]:
@@ -215,29 +219,46 @@ class Scene:
         """
         return json.loads(self._native.inspect())  # type: ignore[no-any-return]
 
-    def add_camera(self, matrix: Any, fov: Union[float, str], name: Optional[str] = None) -> Camera:
-        """Adds a perspective camera or a panorama. It shares all else with the scene, so thousands cost little.
+    def add_camera(
+        self,
+        matrix: Any,
+        fov: Union[float, str, None] = None,
+        name: Optional[str] = None,
+        *,
+        intrinsics: Optional[Mapping[str, Any]] = None,
+    ) -> Camera:
+        """Adds a perspective camera, a panorama or a fisheye. It shares all else with the scene, so thousands cost little.
 
-        matrix: camera to world, 4 x 4 (nested lists or an array): three orthonormal, right-handed columns and the position
-            in metres. The camera looks along its local -z axis with +y up (glTF, OpenGL, NeRF).
+        matrix: camera to world, 4 x 4 or 3 x 4 (nested lists or an array): three orthonormal, right-handed columns and the
+            position in metres. The camera looks along its local -z axis with +y up (glTF, OpenGL, NeRF).
         fov: vertical field of view in degrees, above 0 and below 180; or "panorama": all directions, as an equirectangular
             picture with the view axis in its middle.
+        intrinsics: in place of `fov`, those of a calibrated camera, by the names of transforms.json (docs/cameras.md): w, h,
+            fl_x, fl_y, cx, cy, k1 to k6, p1, p2, camera_model. Other names are ignored.
         name: for `render(camera=)` [default: "added-N" by its index]; no other camera may have it.
 
-        Raises UsageError for a matrix that is no rotation and translation.
+        Raises UsageError for a matrix that is no rotation and translation, and for distortion that folds the picture.
         """
         try:
             rows = [[float(x) for x in row] for row in matrix]
         except (TypeError, ValueError):
             rows = []
+        if len(rows) == 3:
+            rows.append([0.0, 0.0, 0.0, 1.0])
         if [len(row) for row in rows] != [4, 4, 4, 4]:
             raise UsageError("matrix: not 4 x 4 numbers", 64)
         name = f"added-{len(self._native.cameras())}" if name is None else name
+        if (fov is None) == (intrinsics is None):
+            raise UsageError("add_camera takes either fov or intrinsics", 64)
         try:
-            angle = None if fov == "panorama" else float(fov)
+            angle = None if fov is None or fov == "panorama" else float(fov)
         except (TypeError, ValueError):
             raise UsageError(f"fov: {fov!r} is neither degrees nor 'panorama'", 64) from None
-        index = self._native.add_camera(name, rows, angle)
+        try:
+            measured = None if intrinsics is None else json.dumps(dict(intrinsics), default=float, allow_nan=False)
+        except (TypeError, ValueError):
+            raise UsageError("intrinsics: not finite numbers by name", 64) from None
+        index = self._native.add_camera(name, rows, angle, measured)
         return self.cameras[index]
 
     def render(
@@ -411,20 +432,24 @@ class Picture:
         self,
         path: Path,
         *,
-        view: str = "agx",
+        view: Path = "agx",
+        view_space: Optional[str] = None,
         exposure: Union[float, str] = "auto",
         resumable: bool = False,
         half: bool = False,
+        colorspace: str = "rec709",
     ) -> None:
         """Writes the picture: .exr with all layers; .png, .jpg or lossless .webp through a view transform.
 
-        view: "agx", "neutral", "aces" or "srgb"; exposure: stops, or "auto" (not for .exr).
+        view: "agx", "neutral", "aces", "srgb" or a LUT (.cube), and view_space what the LUT takes (docs/looks.md);
+            exposure: stops, or "auto" (not for .exr).
         resumable: also store what `bismar render --resume` and `merge` need (.exr). An interrupted picture always has it.
-        half: colours as 16-bit floats (.exr).
+        half: colours as 16-bit floats (.exr). colorspace: their primaries, "rec709", "acescg" or "rec2020" (.exr).
 
         A file is complete or not there. Raises FileError if it cannot be written.
         """
-        self._native.save(path, view, _text(exposure), resumable, half)
+        shown = _flags({"view": view, "view_space": view_space})
+        self._native.save(path, shown, _text(exposure), resumable, half, colorspace)
 
     def _repr_png_(self) -> bytes:
         """The picture in a notebook: a PNG with the view AgX and the automatic exposure."""
@@ -513,7 +538,8 @@ def merge(
     output: Path,
     *,
     preview: Optional[Path] = None,
-    view: Optional[str] = None,
+    view: Optional[Path] = None,
+    view_space: Optional[str] = None,
     exposure: Union[float, str, None] = None,
     statistics: bool = True,
 ) -> None:
@@ -535,6 +561,7 @@ def labels(
     ids: bool = False,
     depth: Optional[Sequence[str]] = None,
     depth_scale: Optional[float] = None,
+    depth_along: Optional[str] = None,
     normals: Optional[Sequence[str]] = None,
     normal_space: Optional[str] = None,
 ) -> None:
@@ -544,6 +571,7 @@ def labels(
     output: COCO annotations (.json): images, categories, masks (RLE). by: "object" (the default) or "material". images: ending
         of the pictures' names in them, such as "png".
     ids: 16-bit PNG of the ids. depth, normals: lists of "npy" and "png". depth_scale: metres per step of the PNG [0.001].
+    depth_along: "ray" (the default: distances to the camera) or "axis" (along the view axis, as depth cameras measure).
     normal_space: "world" (the default) or "camera".
 
     Raises InputError for a picture without the AOV.
@@ -556,11 +584,13 @@ def develop(
     input: Path,
     output: Optional[Path] = None,
     *,
-    view: Optional[str] = None,
+    view: Optional[Path] = None,
+    view_space: Optional[str] = None,
     exposure: Union[float, str, None] = None,
     layer: Optional[str] = None,
 ) -> None:
-    """Converts an EXR or HDR picture to PNG by a view transform ("agx", "neutral", "aces", "srgb") and an exposure in stops.
+    """Converts an EXR or HDR picture to PNG by a view transform ("agx", "neutral", "aces", "srgb", or a LUT in a .cube file,
+    which takes `view_space`: docs/looks.md) and an exposure in stops.
 
     output: [default: the picture's name with .png, in the same folder]. layer: shown instead of the beauty.
     """

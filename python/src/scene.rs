@@ -8,16 +8,17 @@ use pyo3::prelude::*;
 use rayon::ThreadPool;
 
 use bismar::Error;
+use bismar::batch::views;
 use bismar::cli::in_memory::request;
-use bismar::job::{LoadedScene, PixelMoments};
+use bismar::job::{CameraInfo, LoadedScene, PixelMoments};
 use bismar::scene::{FieldOfView, PlacedCamera};
 
 use crate::errors;
 use crate::picture::Picture;
 use crate::run::{self, Flag, json};
 
-/// A camera: name, projection, vertical, aspect, matrix.
-type Camera = (String, &'static str, f64, Option<f64>, [[f64; 4]; 4]);
+/// A camera: name, projection, vertical, aspect, matrix, intrinsics as JSON if it was calibrated.
+type Camera = (String, &'static str, f64, Option<f64>, [[f64; 4]; 4], Option<String>);
 
 /// A scene in memory, and the threads that render it.
 #[pyclass(frozen, module = "bismar._bismar")]
@@ -55,16 +56,29 @@ fn ask(py: Python, heuristic: Option<&Py<PyAny>>, moments: PixelMoments) -> PyRe
 
 #[pymethods]
 impl Scene {
-    fn cameras(&self) -> Vec<Camera> {
-        let cameras = self.current().cameras();
-        cameras.into_iter().map(|c| (c.name, c.projection, c.vertical, c.aspect, c.to_world)).collect()
+    fn cameras(&self, py: Python) -> PyResult<Vec<Camera>> {
+        let one = |c: CameraInfo| -> bismar::Result<Camera> {
+            let calibration = c.calibration.as_ref().map(views::intrinsics).transpose()?;
+            Ok((c.name, c.projection, c.vertical, c.aspect, c.to_world, calibration))
+        };
+        let cameras: bismar::Result<_> = self.current().cameras().into_iter().map(one).collect();
+        cameras.map_err(|error| errors::raise(py, &error))
     }
 
-    fn add_camera(&self, py: Python, name: String, matrix: [[f64; 4]; 4], fov: Option<f64>) -> PyResult<usize> {
+    fn add_camera(
+        &self,
+        py: Python,
+        name: String,
+        matrix: [[f64; 4]; 4],
+        fov: Option<f64>,
+        intrinsics: Option<String>,
+    ) -> PyResult<usize> {
+        let measured = intrinsics.as_deref().map(views::field_of_view).transpose();
+        let measured = measured.map_err(|error| errors::raise(py, &error))?;
         let mut scene = self.scene.lock().unwrap_or_else(PoisonError::into_inner);
         // A render in another thread keeps the scene as it was.
         let mut next = LoadedScene::clone(&scene);
-        let fov = fov.map_or(FieldOfView::Panorama, FieldOfView::Vertical);
+        let fov = measured.unwrap_or_else(|| fov.map_or(FieldOfView::Panorama, FieldOfView::Vertical));
         let added = next.add_camera(&PlacedCamera { name, to_world: matrix, fov });
         *scene = Arc::new(next);
         added.map_err(|error| errors::raise(py, &error))

@@ -12,6 +12,7 @@ use super::numbering::with_placeholder;
 pub use super::values::Flag;
 use super::values::{FileResult, Reader, Setting, position, settings, sorted};
 use super::views::SPLITTING;
+use crate::film::lut::is_lut;
 use crate::{Error, Result};
 
 /// Most jobs of one file, frames included; more are assumed to be a mistake.
@@ -193,7 +194,7 @@ impl Reader<'_> {
                 _ if key == "name" || key == "scene" => continue,
                 (Some(Flag::Switch), None) => None,
                 (Some(Flag::Switch), Some(_)) => continue,
-                (Some(Flag::File | Flag::Input), Some(value)) => {
+                (of, Some(value)) if matches!(of, Some(Flag::File | Flag::Input)) || key == "view" && is_lut(value) => {
                     let path = self.folder.join(fill(key, value, Some(&name))?);
                     if key == "output" {
                         output = path;

@@ -4,9 +4,9 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use crate::cli::flag_values::value_of;
+use crate::cli::view_args::ViewArgs;
 use crate::console::{Paths, Verbosity, Verdict, say};
-use crate::film::{Exposure, Look, Picture, View, atomic, exr_file, preview};
+use crate::film::{Exposure, Look, Picture, ViewTransform, atomic, exr_file, preview};
 use crate::render::checkpoint::text;
 use crate::{Error, Result};
 
@@ -18,9 +18,8 @@ pub struct DevelopArgs {
     /// Output: .png, .jpg or .webp [default: the picture's name with .png, in the same folder].
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// View transform.
-    #[arg(long, value_parser = value_of::<View>(), default_value = View::Agx.name())]
-    view: View,
+    #[command(flatten)]
+    view: ViewArgs,
     /// Exposure in stops, or auto: the log-mean of all parts that are not dark becomes middle grey. The value is printed.
     #[arg(long, value_name = "EV", default_value_t = Exposure::Auto, allow_negative_numbers = true)]
     exposure: Exposure,
@@ -40,14 +39,19 @@ pub fn run(args: &DevelopArgs, verbosity: Verbosity) -> Result<Verdict> {
     atomic::confine(&[]);
     paths.writes("-o", &output)?;
     atomic::check(&output)?;
+    let view = args.view.transform()?;
+    if let ViewTransform::Lut(_, path, _) = &view {
+        paths.reads("--view", path)?;
+    }
     let picture = Picture::open(&args.input, args.layer.as_deref())?;
     // bismar always writes A; only pictures of --transparent are meant to be composited.
     let header = exr_file::read_header(&args.input).unwrap_or_default();
     let opaque = !header.is_empty() && text(&header, "bismar.background") != Some("transparent");
     let exposure = args.exposure.of(picture.colors());
-    preview::write_picture(&output, &picture, opaque, Look { view: args.view, exposure }, "")?;
+    let name = view.name();
+    preview::write_picture(&output, &picture, opaque, &Look { view, exposure }, "")?;
     if !verbosity.quiet {
-        say(format_args!("{}: view {}, exposure {exposure} EV", output.display(), args.view.name()));
+        say(format_args!("{}: view {name}, exposure {exposure} EV", output.display()));
     }
     Ok(Verdict::Done)
 }

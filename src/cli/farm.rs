@@ -22,6 +22,7 @@ use crate::farm::slurm::{self, Submitted, SubmittedArray, TaskOptions, quoted};
 use crate::farm::{PLAN, Plan, Render, openjd, utf8};
 use crate::film::atomic;
 use crate::film::lock::{Claim, claim};
+use crate::film::lut::is_lut;
 use crate::{Error, Result};
 use site::{DEFAULT_ARRAY_SIZE, Queue, QueueState, Site, sbatch};
 use status::StatusArgs;
@@ -153,7 +154,9 @@ fn renders_of_batch(path: &Path, roots: &[PathBuf]) -> Result<Vec<Render>> {
 fn absolute_flags(command: &Command, flags: Vec<(String, Option<String>)>) -> Result<Vec<(String, Option<String>)>> {
     let one = |(name, value): (String, Option<String>)| {
         let value = match value {
-            Some(value) if is_path(command, &name) => Some(utf8(&absolute_path(Path::new(&value))?)?.to_owned()),
+            Some(value) if is_path(command, &name) || name == "view" && is_lut(&value) => {
+                Some(utf8(&absolute_path(Path::new(&value))?)?.to_owned())
+            }
             value => value,
         };
         Ok((name, value))

@@ -5,6 +5,7 @@ use std::path::Path;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, Command};
 
+use crate::color::ColorSpace;
 use crate::film::{Denoise, View};
 use crate::rays::Backend;
 use crate::render::{BackFaces, Choice, GlassShadows, Ground, Integrator, PixelFilter};
@@ -105,6 +106,11 @@ flag_values! {
     }
     Denoise {
         Oidn: "Intel Open Image Denoise, if it is installed",
+    }
+    ColorSpace {
+        Rec709: "The primaries of sRGB",
+        Acescg: "ACEScg: AP1",
+        Rec2020: "ITU-R BT.2020",
     }
     View {
         Agx: "AgX, base look: a soft shoulder; bright colours desaturate as on film",

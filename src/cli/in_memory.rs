@@ -12,8 +12,10 @@ use super::look::LookArgs;
 pub use super::look::{Looked, Shot};
 use super::merge::MergeArgs;
 pub use super::render::request;
+use super::view_args::ViewArgs;
 use crate::Result;
 use crate::console::{Paths, Verbosity, host};
+use crate::film::ViewTransform;
 
 /// `bismar merge`: parts of a picture, or pictures of different seeds.
 ///
@@ -48,6 +50,14 @@ pub fn develop(options: &Options, input: &Path) -> Result<()> {
 pub fn look(options: &Options, scenes: &[PathBuf], stop: &AtomicBool) -> Result<Looked> {
     let scenes: Vec<&Path> = scenes.iter().map(PathBuf::as_path).collect();
     super::look::look(&parse::<LookArgs>("look", options, &scenes)?, &mut Paths::default(), stop)
+}
+
+/// The view transform of these values of `--view` and `--view-space`.
+///
+/// # Errors
+/// [`Error::Usage`](crate::Error::Usage), and those of reading a LUT.
+pub fn view(options: &Options) -> Result<ViewTransform> {
+    parse::<ViewArgs>("view", options, &[])?.transform()
 }
 
 const QUIET: Verbosity = Verbosity { quiet: true, verbose: 0, log: crate::console::LogFormat::Text };

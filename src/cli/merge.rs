@@ -8,12 +8,12 @@ use clap::Args;
 
 use crate::batch::frames::Frames;
 use crate::batch::numbering::numbered;
-use crate::cli::flag_values::value_of;
+use crate::cli::view_args::ViewArgs;
 use crate::console::args::wait;
 use crate::console::{Paths, Verbosity, Verdict, say};
 use crate::farm::PathMapping;
 use crate::film::exr_file::HeaderValue;
-use crate::film::{Exposure, Look, View, colors, preview};
+use crate::film::{Exposure, Look, ViewTransform, colors, preview};
 use crate::job::claim_output;
 use crate::job::memory;
 use crate::render::merge::{memory_bytes, merge};
@@ -37,9 +37,8 @@ pub struct MergeArgs {
     /// Also write a PNG.
     #[arg(long, value_name = "FILE.png")]
     preview: Option<PathBuf>,
-    /// View transform of the PNG.
-    #[arg(long, value_parser = value_of::<View>(), default_value = View::Agx.name())]
-    view: View,
+    #[command(flatten)]
+    view: ViewArgs,
     /// Exposure of the PNG in stops, or auto: the log-mean of all parts that are not dark becomes middle grey.
     #[arg(long, value_name = "EV", default_value_t = Exposure::Auto, allow_negative_numbers = true)]
     exposure: Exposure,
@@ -58,7 +57,7 @@ pub fn run(args: &MergeArgs, verbosity: Verbosity) -> Result<Verdict> {
     let mut args = args.clone();
     if let Some(file) = &args.path_mapping {
         let mapping = PathMapping::read(file)?;
-        let all = args.parts.iter_mut().chain(&mut args.preview).chain([&mut args.output]);
+        let all = args.parts.iter_mut().chain(&mut args.preview).chain([&mut args.output, &mut args.view.view]);
         all.for_each(|path| mapping.apply(path));
     }
     let Some(frames) = args.frames.take() else { return one(&args, verbosity) };
@@ -92,6 +91,10 @@ fn one(args: &MergeArgs, verbosity: Verbosity) -> Result<Verdict> {
     let (mut paths, mut claims) = (Paths::default(), Vec::new());
     args.parts.iter().try_for_each(|part| paths.reads("the part", part))?;
     args.path_mapping.iter().try_for_each(|file| paths.reads("--path-mapping", file))?;
+    let view = args.view.transform()?;
+    if let ViewTransform::Lut(_, path, _) = &view {
+        paths.reads("--view", path)?;
+    }
     for (flag, path) in [("-o", Some(&args.output)), ("--preview", args.preview.as_ref())] {
         let Some(path) = path else { continue };
         paths.names(flag, path)?;
@@ -108,7 +111,7 @@ fn one(args: &MergeArgs, verbosity: Verbosity) -> Result<Verdict> {
     merged.more.push(("bismar.exposure".into(), HeaderValue::Number(exposure.into())));
     merged.write(&args.output)?;
     if let Some(path) = &args.preview {
-        preview::write(path, &merged.rendered.pixels(), Look { view: args.view, exposure }, "")?;
+        preview::write(path, &merged.rendered.pixels(), &Look { view, exposure }, "")?;
     }
     if !verbosity.quiet {
         let what = match merged.record.seeds.len() {

@@ -16,6 +16,7 @@ mod movie;
 mod render;
 mod scene_selection;
 mod study;
+mod view_args;
 
 use std::process::ExitCode;
 

@@ -83,7 +83,7 @@ const CHECKPOINT_SECONDS: &str = "60";
 /// Seconds that a merge waits for parts, which shared file systems may show late.
 const WAIT_SECONDS: &str = "60";
 /// Flags for the merged picture, not for its parts.
-const FLAGS_OF_MERGE: [&str; 4] = ["preview", "view", "exposure", "stats"];
+const FLAGS_OF_MERGE: [&str; 5] = ["preview", "view", "view-space", "exposure", "stats"];
 /// Version of the plan's format. Plans of other versions are not run.
 const SCHEMA: u32 = 1;
 /// File name of the plan in its folder.

@@ -2,7 +2,7 @@
 
 use super::request::RenderRequest;
 use crate::render::{RenderSettings, tile_positions};
-use crate::scene::{Camera, Framing, Scene, choose};
+use crate::scene::{Camera, Framing, Projection, Scene, choose};
 use crate::{Error, Result};
 
 /// Render settings of a request, completed by the scene.
@@ -67,9 +67,12 @@ pub fn panorama(scene: &Scene) -> Camera {
 /// Resolution in pixels for a camera without an aspect ratio.
 pub const DEFAULT_SIZE: (u32, u32) = (960, 540);
 
-/// Default resolution in pixels: 960 wide, with the camera's aspect ratio or 16:9.
+/// Default resolution in pixels: that of a calibrated camera, else 960 wide, with the camera's aspect ratio or 16:9.
 pub fn size(camera: &Camera) -> (u32, u32) {
-    size_of_aspect(camera.natural_aspect())
+    match camera.projection {
+        Projection::Calibrated(of) => (of.w as u32, of.h as u32),
+        _ => size_of_aspect(camera.natural_aspect()),
+    }
 }
 
 /// Default resolution of a camera with this width over height.
@@ -82,7 +85,6 @@ pub fn size_of_aspect(aspect: Option<f32>) -> (u32, u32) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::Projection;
 
     fn cameras(names: &[&str]) -> Vec<Camera> {
         let camera =

@@ -15,13 +15,13 @@ use crate::render::checkpoint::{json, text};
 pub const ATTRIBUTE: &str = "bismar.command";
 /// What decides what is in a picture. Nothing else is written into a header, or read from one: it may be of somebody else.
 #[rustfmt::skip]
-const OF_THE_PICTURE: [&str; 54] = [
+const OF_THE_PICTURE: [&str; 55] = [
     "adaptive", "animation", "aov", "aperture", "back-faces", "balance", "camera", "clamp-direct", "clamp-indirect",
-    "compensation", "crop", "denoise", "energy-compensation", "env-rotate", "env-strength", "filter", "focus", "fps",
-    "frame", "glass-shadows", "ground", "guiding", "guiding-memory", "half", "integrator", "learned-lights",
-    "lens-blades", "light-radius", "light-unit", "max-depth", "min-spp", "motion-steps", "no-clip", "no-env", "noise",
-    "orbit", "path-reuse", "pilot", "placed", "pose", "preset", "rays", "scene-name", "seed", "seed-per-frame", "shutter",
-    "size", "sky", "spp", "sun-angle", "sunsky", "time", "transparent", "variant",
+    "colorspace", "compensation", "crop", "denoise", "energy-compensation", "env-rotate", "env-strength", "filter",
+    "focus", "fps", "frame", "glass-shadows", "ground", "guiding", "guiding-memory", "half", "integrator",
+    "learned-lights", "lens-blades", "light-radius", "light-unit", "max-depth", "min-spp", "motion-steps", "no-clip",
+    "no-env", "noise", "orbit", "path-reuse", "pilot", "placed", "pose", "preset", "rays", "scene-name", "seed",
+    "seed-per-frame", "shutter", "size", "sky", "spp", "sun-angle", "sunsky", "time", "transparent", "variant",
 ];
 
 /// How a picture was made: a scene, an environment map, and the fields that decide what is in the picture.

@@ -11,17 +11,18 @@ pub use heuristic::{Heuristic, PixelMoments};
 
 use super::stats::{Seconds, Stats};
 use super::{Inputs, Loaded, OutputWriter, RenderRequest, Session, claim_output, preview_mark, settings};
+use crate::color::ColorSpace;
 use crate::console::Paths;
 use crate::film::aov::{Channel, Value, beauty};
 use crate::film::compare::{Comparison, compare as compare_pictures, in_common};
 use crate::film::denoise::Denoiser;
 use crate::film::picture::Picture as FilmPicture;
-use crate::film::{Background, Exposure, Look, Pixels, View, colors, denoised, preview};
+use crate::film::{Background, Exposure, Look, Pixels, View, ViewTransform, colors, denoised, preview};
 use crate::integrator::PreparedScene;
 use crate::render::camera::lens;
 use crate::render::{Identity, Progress, RenderSettings, Rendered, RunOptions, StopReason, run};
 use crate::scene::import::{self, Summary};
-use crate::scene::{Camera, Framing, PlacedCamera, Projection, Scene};
+use crate::scene::{Calibration, Camera, Framing, PlacedCamera, Projection, Scene};
 use crate::{Error, Result};
 
 /// A camera of a scene.
@@ -29,7 +30,7 @@ use crate::{Error, Result};
 pub struct CameraInfo {
     /// Its name, for the option `camera`.
     pub name: String,
-    /// `perspective`, `orthographic` or `panorama`.
+    /// `perspective`, `orthographic`, `panorama` or `fisheye`.
     pub projection: &'static str,
     /// Vertical field of view in degrees, or half of the height in metres of an orthographic camera.
     pub vertical: f64,
@@ -37,6 +38,8 @@ pub struct CameraInfo {
     pub aspect: Option<f64>,
     /// Camera to world, row by row. A framed view is fitted to a square picture.
     pub to_world: [[f64; 4]; 4],
+    /// What was measured, if it was calibrated.
+    pub calibration: Option<Calibration>,
 }
 
 /// A scene in memory. A clone shares all that is large.
@@ -184,9 +187,15 @@ impl CameraInfo {
             Projection::Perspective { yfov } => (PERSPECTIVE, f64::from(yfov).to_degrees()),
             Projection::Orthographic { ymag, .. } => ("orthographic", f64::from(ymag)),
             Projection::Panorama => ("panorama", 180.0),
+            Projection::Calibrated(of) => of.described(),
+        };
+        let calibration = match camera.projection {
+            Projection::Calibrated(of) => Some(of),
+            _ => None,
         };
         let to_world = glam::Mat4::from(camera.to_world).transpose().as_dmat4().to_cols_array_2d();
-        Self { name: camera.name.clone(), projection, vertical, aspect: camera.aspect.map(f64::from), to_world }
+        let aspect = camera.aspect.map(f64::from);
+        Self { name: camera.name.clone(), projection, vertical, aspect, to_world, calibration }
     }
 }
 
@@ -290,20 +299,26 @@ impl RenderedPicture {
         Ok(self.denoised.get_or_init(|| pixels))
     }
 
-    /// Writes the picture: `.exr` with all its layers; `.png`, `.jpg` or `.webp` through a view transform. `resumable` also stores the
-    /// statistics from which it can be continued (`bismar render --resume`) and merged. `half` stores colours as 16-bit
-    /// floats.
+    /// Writes the picture: `.exr` with all its layers; `.png`, `.jpg` or `.webp` through a view transform. `resumable` also
+    /// stores the statistics from which it can be continued (`bismar render --resume`) and merged. `half` stores colours as 16-bit
+    /// floats, `colorspace` in these primaries.
     ///
     /// # Errors
     /// [`Error::Usage`] for another ending, those of writing files.
-    pub fn save(&self, path: &Path, look: (View, Exposure), resumable: bool, half: bool) -> Result<()> {
+    pub fn save(
+        &self,
+        path: &Path,
+        look: (ViewTransform, Exposure),
+        resumable: bool,
+        (half, colorspace): (bool, ColorSpace),
+    ) -> Result<()> {
         let mut paths = Paths::default();
         let mut request = self.request.clone();
         request.output = path.into();
+        (request.view, request.exposure) = look;
         request.declare("", &mut paths)?;
         self.inputs.declare(&mut paths)?;
         let ending = path.extension().map(|ending| ending.to_ascii_lowercase()).unwrap_or_default();
-        (request.view, request.exposure) = look;
         match ending.to_str() {
             Some("exr") if self.has_own_heuristic => Err(Error::Usage(format!(
                 "{}: a picture by a heuristic of one's own cannot be saved as EXR, whose header would have to say how it was \
@@ -312,7 +327,7 @@ impl RenderedPicture {
             ))),
             Some("exr") => {
                 let _claim = claim_output(path)?;
-                request.half = half;
+                (request.half, request.colorspace) = (half, colorspace);
                 let Self { inputs, loaded, identity, rendered, .. } = self;
                 let with_statistics = resumable || self.is_interrupted();
                 let writer =
@@ -322,14 +337,14 @@ impl RenderedPicture {
             Some(_) if preview::has_ending(path) => {
                 let _claim = claim_output(path)?;
                 let exposure = request.exposure.of(colors(&self.rendered.pixels()));
-                let look = Look { view: request.view, exposure };
+                let look = Look { view: request.view.clone(), exposure };
                 let mark = preview_mark(&request, &self.inputs, self.rendered.stats.paths);
                 if request.denoise.is_none() {
-                    return preview::write(path, &self.rendered.pixels(), look, &mark);
+                    return preview::write(path, &self.rendered.pixels(), &look, &mark);
                 }
                 let picture = FilmPicture { rgb: self.denoised()?.to_vec(), ..self.picture() };
                 let opaque = self.rendered.background != Background::Transparent;
-                preview::write_picture(path, &picture, opaque, look, &mark)
+                preview::write_picture(path, &picture, opaque, &look, &mark)
             }
             _ => Err(Error::Usage(format!("{}: the name must end in .exr, .png, .jpg or .webp", path.display()))),
         }
@@ -345,7 +360,7 @@ impl RenderedPicture {
         if self.request.denoise.is_some() {
             picture.rgb = self.denoised()?.to_vec();
         }
-        preview::encoded_picture(&picture, Look { view: View::Agx, exposure })
+        preview::encoded_picture(&picture, &Look { view: View::Agx.into(), exposure })
     }
 
     /// The beauty as a picture that can be compared.

@@ -13,10 +13,11 @@ use super::names::names;
 use super::request::RenderRequest;
 use super::stats::{Seconds, Stats};
 use crate::film::denoise::{Denoiser, NoisyPicture};
-use crate::film::exr_file::{Header, HeaderValue, WORLD_TO_CAMERA, WORLD_TO_NDC};
+use crate::film::exr_file::{CALIBRATION, Header, HeaderValue, WORLD_TO_CAMERA, WORLD_TO_NDC};
 use crate::film::{Background, Look, Picture, colors, exr_file, preview};
-use crate::render::checkpoint::{self, Host};
+use crate::render::checkpoint::{self, Host, json};
 use crate::render::{Identity, Record, RenderSettings, Rendered, StopReason, camera};
+use crate::scene::Projection;
 use crate::{Error, Result};
 
 /// Layer of the denoised beauty.
@@ -150,6 +151,9 @@ impl<'a> OutputWriter<'a> {
         let (to_camera, to_picture) = camera(scene, self.settings).matrices();
         header.push((WORLD_TO_CAMERA.into(), HeaderValue::Matrix(to_camera)));
         header.extend(to_picture.map(|matrix| (WORLD_TO_NDC.into(), HeaderValue::Matrix(matrix))));
+        if let Projection::Calibrated(of) = scene.cameras[self.settings.camera].projection {
+            header.push((CALIBRATION.into(), json(&of.scaled(self.settings.width, self.settings.height))?));
+        }
         header.extend(names(scene, &self.request.aovs)?);
         PictureCommand::write(self.request, &mut header)?;
         Ok(header)
@@ -161,7 +165,12 @@ impl<'a> OutputWriter<'a> {
         if self.denoised.borrow().is_some() {
             return develop_file(self.request, path, rendered.background, &mark).map(drop);
         }
-        preview::write(path, &rendered.pixels(), Look { view: self.request.view, exposure: stats.exposure }, &mark)
+        preview::write(
+            path,
+            &rendered.pixels(),
+            &Look { view: self.request.view.clone(), exposure: stats.exposure },
+            &mark,
+        )
     }
 
     fn add_write_seconds(&self, start: Instant) {
@@ -182,12 +191,12 @@ pub fn develop_file(request: &RenderRequest, png: &Path, background: Background,
         picture.rgb = Picture::open(output, Some(DENOISED_LAYER))?.rgb;
     }
     let opaque = background != Background::Transparent;
-    preview::write_picture(png, &picture, opaque, Look { view: request.view, exposure }, mark)?;
+    preview::write_picture(png, &picture, opaque, &Look { view: request.view.clone(), exposure }, mark)?;
     Ok(exposure)
 }
 
 /// Text stored in a PNG, which differs for PNGs of other renders, views, exposures and numbers of paths.
 pub fn preview_mark(request: &RenderRequest, inputs: &Inputs, paths: u64) -> String {
     let key = inputs.identity(request, &request.settings).request(&request.requested());
-    format!("view {}, exposure {}, {paths} paths of {key}", request.view.name(), request.exposure)
+    format!("view {}, exposure {}, {paths} paths of {key}", request.view.key(), request.exposure)
 }

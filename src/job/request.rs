@@ -3,9 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use crate::Result;
+use crate::color::ColorSpace;
 use crate::console::{Paths, Size, tev};
 use crate::film::lock::{Claim, claim};
-use crate::film::{Aov, Denoise, Exposure, View, atomic};
+use crate::film::{Aov, Denoise, Exposure, View, ViewTransform, atomic};
 use crate::rays::Backend;
 use crate::render::RenderSettings;
 use crate::render::identity::RequestedOutputs;
@@ -62,12 +63,14 @@ pub struct RenderRequest {
     pub aovs: Vec<Aov>,
     /// Are colours and normals stored as 16-bit floats?
     pub half: bool,
+    /// Primaries of the EXR's colours.
+    pub colorspace: ColorSpace,
     /// Add a denoised layer.
     pub denoise: Option<Denoise>,
     /// A picture to look at (.png, .jpg, .webp).
     pub preview: Option<PathBuf>,
     /// View transform of `preview`.
-    pub view: View,
+    pub view: ViewTransform,
     /// Exposure of `preview`.
     pub exposure: Exposure,
     /// Statistics (.json).
@@ -122,9 +125,10 @@ impl Default for RenderRequest {
             strict: false,
             aovs: Aov::DEFAULT.to_vec(),
             half: false,
+            colorspace: ColorSpace::Rec709,
             denoise: None,
             preview: None,
-            view: View::Agx,
+            view: View::Agx.into(),
             exposure: Exposure::Auto,
             stats: None,
             tev: None,
@@ -200,7 +204,8 @@ impl RenderRequest {
     pub fn requested(&self) -> RequestedOutputs {
         let (camera, size) = (self.camera.clone(), self.size.map(|s| [s.0, s.1]));
         let aovs = self.aovs.iter().map(|aov| aov.name()).collect::<Vec<_>>().join(",");
-        RequestedOutputs { camera, size, aovs, half: self.half, denoised: self.denoise.is_some() }
+        let Self { half, colorspace, .. } = *self;
+        RequestedOutputs { camera, size, aovs, half, colorspace, denoised: self.denoise.is_some() }
     }
 
     /// Key that is equal for requests whose scenes are made of the same files.
@@ -222,6 +227,9 @@ impl RenderRequest {
     pub fn declare(&self, suffix: &str, paths: &mut Paths) -> Result<()> {
         paths.reads(&format!("the scene{suffix}"), &self.scene)?;
         self.env.iter().try_for_each(|path| paths.reads(&format!("--env{suffix}"), path))?;
+        if let ViewTransform::Lut(_, path, _) = &self.view {
+            paths.reads(&format!("--view{suffix}"), path)?;
+        }
         paths.writes(&format!("-o{suffix}"), &self.output)?;
         for (flag, path) in [("--preview", &self.preview), ("--stats", &self.stats)] {
             path.iter().try_for_each(|path| paths.writes(&format!("{flag}{suffix}"), path))?;

@@ -23,19 +23,24 @@ pub fn camera(scene: &Scene, settings: &RenderSettings) -> CameraRays {
 /// The lens of a render with these settings; `None` for a pinhole.
 ///
 /// # Errors
-/// [`Error::Usage`] for a panorama, which has no focal plane, for an f-stop of an orthographic camera, which has no focal
-/// length, and for automatic focus where the middle of the picture shows nothing.
+/// [`Error::Usage`] for a panorama and a fisheye, which have no focal plane, for an f-stop of an orthographic camera, which has no
+/// focal length, and for automatic focus where the middle of the picture shows nothing.
 pub fn lens(scene: &PreparedScene, settings: &RenderSettings) -> Result<Option<Lens>> {
     let Some(requested) = settings.lens else { return Ok(None) };
     let RenderSettings { camera: index, width, height, .. } = *settings;
-    let radius = match (requested.aperture, scene.scene.camera(index, width, height).projection) {
+    let placed = scene.scene.camera(index, width, height);
+    let radius = match (requested.aperture, placed.projection) {
         (_, Projection::Panorama) => {
             return Err(Error::Usage("--aperture: a panorama has no focal plane: render it without".into()));
+        }
+        (_, Projection::Calibrated(of)) if of.fisheye => {
+            return Err(Error::Usage("--aperture: a fisheye has no focal plane: render it without".into()));
         }
         (Aperture::Radius(radius), _) => radius,
         (Aperture::Stop(stop), Projection::Perspective { yfov }) => {
             0.5 * FILM_HEIGHT / (0.5 * f64::from(yfov)).tan() / (2.0 * stop)
         }
+        (Aperture::Stop(stop), Projection::Calibrated(of)) => FILM_HEIGHT * of.fl_y / of.h / (2.0 * stop),
         (Aperture::Stop(_), Projection::Orthographic { .. }) => {
             let why =
                 "--aperture: an orthographic camera has no focal length, and so no f-stop: give a radius in metres";
@@ -61,7 +66,11 @@ pub fn lens(scene: &PreparedScene, settings: &RenderSettings) -> Result<Option<L
                     "--focus auto: the middle of the picture shows nothing to focus on: give a distance in metres";
                 return Err(Error::Usage(why.into()));
             }
-            hits.t[0]
+            match placed.projection {
+                // The middle of the picture is not on the view axis.
+                Projection::Calibrated(_) => -hits.t[0] * ray.1.lane(0).dot(placed.to_world.matrix3.z_axis.into()),
+                _ => hits.t[0],
+            }
         }
     };
     Ok(Some(Lens { radius: radius as f32, focus, blades: requested.blades }))

@@ -19,6 +19,7 @@ use super::settings::RenderSettings;
 use super::stats::{RenderStats, StopReason};
 use super::techniques::TechniqueStats;
 use super::tile::{TILE, Tile};
+use crate::color::ColorSpace;
 use crate::film::exr_file::{self, Checksum, Header, HeaderValue, Layers};
 use crate::film::{Aov, Background};
 use crate::rays::BackendInfo;
@@ -99,6 +100,9 @@ pub struct Record {
     pub host: Host,
     /// Are its colours stored as 16-bit floats?
     pub half: bool,
+    /// Primaries of its colours.
+    #[serde(default)]
+    pub colorspace: ColorSpace,
     /// What the picture shows behind all surfaces.
     pub background: Background,
     /// The build that wrote it.
@@ -147,6 +151,7 @@ impl Record {
             resumable,
             host,
             half: requested.half,
+            colorspace: requested.colorspace,
             background: rendered.background,
             build: BuildInfo::here(),
             seeds: Vec::new(),
@@ -251,7 +256,7 @@ pub fn write(
     let mut header = record.header(rendered)?;
     header.extend(more);
     let tiles = with_tiles.then(|| pack(&rendered.tiles)).transpose()?;
-    let layers = Layers { aovs: &Aov::named(&record.aovs), half: record.half, denoised };
+    let layers = Layers { aovs: &Aov::named(&record.aovs), half: record.half, colorspace: record.colorspace, denoised };
     exr_file::write(path, &rendered.pixels(), layers, &header, tiles.as_deref())
 }
 

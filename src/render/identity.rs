@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::RenderSettings;
 use super::names::{Values, variant_name};
+use crate::color::ColorSpace;
 use crate::rays::Backend;
 
 /// What a picture was made of. Stored in its header.
@@ -87,6 +88,8 @@ pub struct RequestedOutputs {
     pub aovs: String,
     /// Are colours stored as 16-bit floats?
     pub half: bool,
+    /// Primaries of colours.
+    pub colorspace: ColorSpace,
     /// Is there a denoised layer?
     pub denoised: bool,
 }
@@ -116,7 +119,7 @@ impl Identity {
     /// is loaded. It has the requested view instead of the camera, width and height of the settings. Parts of a picture
     /// have the same key.
     pub fn request(&self, requested: &RequestedOutputs) -> String {
-        let RequestedOutputs { camera, size, aovs, half, denoised } = requested;
+        let RequestedOutputs { camera, size, aovs, half, colorspace, denoised } = requested;
         let mut values = self.bits();
         let mut insert = |name: &str, value: String| values.insert(name.into(), value);
         insert("camera", camera.clone().unwrap_or("the first".into()));
@@ -127,6 +130,9 @@ impl Identity {
             if *is_on {
                 insert(name, "true".into());
             }
+        }
+        if *colorspace != ColorSpace::Rec709 {
+            insert("colorspace", colorspace.name().into());
         }
         blake3::hash(serde_json::json!(values).to_string().as_bytes()).to_hex().to_string()
     }
@@ -200,6 +206,7 @@ mod tests {
             RequestedOutputs { size: Some([9, 9]), ..requested.clone() },
             RequestedOutputs { aovs: String::new(), ..requested.clone() },
             RequestedOutputs { half: true, ..requested.clone() },
+            RequestedOutputs { colorspace: ColorSpace::Acescg, ..requested.clone() },
         ] {
             assert_ne!(of(&settings).request(&requested), of(&settings).request(&other));
         }

@@ -10,7 +10,7 @@ use super::part::sort_in_rows;
 use super::tile::Tile;
 use super::{Part, RenderSettings, RenderStats, Rendered, StopReason, noise};
 use crate::film::cryptomatte::PREFIX;
-use crate::film::exr_file::{self, Header, HeaderValue};
+use crate::film::exr_file::{self, CALIBRATION, Header, HeaderValue};
 use crate::{Error, Result};
 
 /// The result of merging parts or seeds.
@@ -68,8 +68,15 @@ pub fn merge(paths: &[PathBuf]) -> Result<Merged> {
         ..first.record
     };
     record.identity.settings = settings;
-    let kept =
-        ["bismar.version", "bismar.scene", "bismar.camera", "bismar.backend", "bismar.environment", "bismar.command"];
+    let kept = [
+        "bismar.version",
+        "bismar.scene",
+        "bismar.camera",
+        CALIBRATION,
+        "bismar.backend",
+        "bismar.environment",
+        "bismar.command",
+    ];
     let text = |name: &&'static str| {
         checkpoint::text(&first.header, name).map(|text| ((*name).into(), HeaderValue::Text(text.into())))
     };
@@ -143,6 +150,11 @@ fn check_same_render(first: &Earlier, inputs: &[Earlier]) -> Result<()> {
         }
         if other.record.half != first.record.half {
             return Err(Error::Data(format!("{name} and {first_name}: only one of them has 16-bit colours (--half)")));
+        }
+        if other.record.colorspace != first.record.colorspace {
+            return Err(Error::Data(format!(
+                "{name} and {first_name}: their colours have other primaries (--colorspace)"
+            )));
         }
         let [ours, theirs] = [first, other].map(|i| settings(i).part);
         if ours.map(|p| p.of) != theirs.map(|p| p.of) {

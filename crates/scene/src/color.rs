@@ -1,6 +1,39 @@
 //! Colour in linear Rec. 709 RGB.
 
 use glam::{DMat3, DVec3, Mat3, Vec3, dvec3};
+use serde::{Deserialize, Serialize};
+
+/// A space of linear RGB colours.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ColorSpace {
+    /// ITU-R BT.709, whose primaries are those of sRGB.
+    #[default]
+    Rec709,
+    /// ACEScg (S-2014-004): the primaries AP1.
+    Acescg,
+    /// ITU-R BT.2020.
+    Rec2020,
+}
+
+named_variants! { ColorSpace { Rec709 = "rec709", Acescg = "acescg", Rec2020 = "rec2020" } }
+
+impl ColorSpace {
+    /// CIE x and y of red, green, blue and white, as in OpenEXR's attribute.
+    pub fn chromaticities(self) -> [f32; 8] {
+        match self {
+            Self::Rec709 => REC709,
+            Self::Acescg => [0.713, 0.293, 0.165, 0.830, 0.128, 0.044, 0.32168, 0.33767],
+            Self::Rec2020 => [0.708, 0.292, 0.170, 0.797, 0.131, 0.046, D65[0], D65[1]],
+        }
+    }
+
+    /// From Rec. 709, by Bradford's adaptation of white.
+    pub fn from_rec709(self) -> Mat3 {
+        let back = rec709_from_rgb(self.chromaticities()).unwrap_or(Mat3::IDENTITY);
+        back.as_dmat3().inverse().as_mat3()
+    }
+}
 
 /// Relative luminance of linear Rec. 709 RGB.
 #[inline]
@@ -60,8 +93,8 @@ mod tests {
     #[test]
     fn acescg_and_rec2020_become_rec709() {
         // Published matrices: ACES (AP1 to sRGB, Bradford) and ITU-R BT.2407.
-        let ap1 = rec709_from_rgb([0.713, 0.293, 0.165, 0.830, 0.128, 0.044, 0.32168, 0.33767]).unwrap();
-        let rec2020 = rec709_from_rgb([0.708, 0.292, 0.170, 0.797, 0.131, 0.046, 0.3127, 0.3290]).unwrap();
+        let ap1 = rec709_from_rgb(ColorSpace::Acescg.chromaticities()).unwrap();
+        let rec2020 = rec709_from_rgb(ColorSpace::Rec2020.chromaticities()).unwrap();
         let color = vec3(0.3, 0.5, 0.2);
         for (matrix, rows) in [
             (ap1, [[1.70505, -0.62179, -0.08326], [-0.13026, 1.14080, -0.01055], [-0.02400, -0.12897, 1.15297]]),
@@ -70,6 +103,8 @@ mod tests {
             let right = Mat3::from_cols_array_2d(&rows).transpose() * color;
             assert!((matrix * color).abs_diff_eq(right, 2e-4), "{} for {right}", matrix * color);
         }
+        assert!((ColorSpace::Acescg.from_rec709() * (ap1 * color)).abs_diff_eq(color, 1e-6));
+        assert_eq!(ColorSpace::Rec709.from_rec709(), Mat3::IDENTITY);
         assert_eq!(rec709_from_rgb(REC709), Some(Mat3::IDENTITY));
         // XYZ as OpenEXR's documentation states it.
         let equal = [1.0 / 3.0; 2];

@@ -54,7 +54,7 @@ pub fn write(path: &Path, checks: &[Check], limit: Limit) -> Result<()> {
 /// Both pictures and their errors, with the exposure of the golden one.
 fn pictures(check: &Check) -> Result<String> {
     let (golden, new) = (Picture::open(&check.golden, None)?, Picture::open(&check.new, None)?);
-    let look = Look { view: View::Agx, exposure: Exposure::Auto.of(golden.colors()) };
+    let look = Look { view: View::Agx.into(), exposure: Exposure::Auto.of(golden.colors()) };
     let errors = flip_map(&new, &golden);
     let [width, height] = golden.size();
     let largest = errors.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1)).map_or(0, |(i, _)| i);
@@ -82,7 +82,7 @@ fn pictures(check: &Check) -> Result<String> {
                     let bytes: Vec<u8> = shown.rgb.iter().flat_map(|p| p.map(to_byte)).collect();
                     encoded(width as u32, height as u32, &bytes)?
                 }
-                _ => encoded_picture(&shown, look)?,
+                _ => encoded_picture(&shown, &look)?,
             };
             let _ = writeln!(
                 text,

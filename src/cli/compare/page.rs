@@ -31,7 +31,7 @@ pub fn write(path: &Path, names: [&Path; 2], pictures: [&Picture; 2], c: &Compar
 pub fn page(names: [&Path; 2], [a, b]: [&Picture; 2], c: &Comparison, above: &str) -> Result<String> {
     let view = if a.displayed && b.displayed { View::Srgb } else { View::Agx };
     let exposure = if view == View::Srgb { 0.0 } else { Exposure::Auto.of(b.colors()) };
-    let look = Look { view, exposure };
+    let look = Look { view: view.into(), exposure };
     let [width, height] = a.size().map(|n| n as u32);
     let errors = flip_map(a, b);
     let map: Vec<u8> = errors.iter().flat_map(|e| false_color(*e).map(to_byte)).collect();
@@ -59,8 +59,8 @@ pub fn page(names: [&Path; 2], [a, b]: [&Picture; 2], c: &Comparison, above: &st
         ("{{look}}", format!("view {}, exposure {exposure} EV", view.name())),
         ("{{curve}}", above.to_owned()),
         ("{{rows}}", rows),
-        ("{{a}}", data(encoded_picture(a, look)?)),
-        ("{{b}}", data(encoded_picture(b, look)?)),
+        ("{{a}}", data(encoded_picture(a, &look)?)),
+        ("{{b}}", data(encoded_picture(b, &look)?)),
         ("{{map}}", data(encoded(width, height, &map)?)),
     ];
     let mut text = TEMPLATE.to_owned();

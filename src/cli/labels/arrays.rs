@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 use glam::{Mat4, Vec3};
 
+use crate::batch::views::axis_cosines;
 use crate::console::Paths;
 use crate::film::exr_file::{HeaderValue, WORLD_TO_CAMERA, read_header};
 use crate::film::{Picture, npy, preview};
@@ -13,12 +14,15 @@ use crate::{Error, Result};
 /// Depth and normals.
 #[derive(Debug, Args)]
 pub struct ArrayArgs {
-    /// Also write the depth along the ray: npy (float32, metres, 1e10 where nothing is), png (16 bit, 0 where nothing is).
+    /// Also write the depth: npy (float32, metres, 1e10 where nothing is), png (16 bit, 0 where nothing is).
     #[arg(long, value_enum, value_delimiter = ',', value_name = "FORMATS")]
     depth: Vec<Format>,
     /// Metres per step of the PNG of --depth; 0.001 reaches 65.5 m.
     #[arg(long, value_name = "METRES", default_value_t = 0.001, value_parser = scale)]
     depth_scale: f32,
+    /// What --depth measures.
+    #[arg(long, value_enum, default_value_t)]
+    depth_along: Along,
     /// Also write the normals: npy (float32), png (16 bit, (value - 32768) / 32767 in each channel); 0 where nothing is.
     #[arg(long, value_enum, value_delimiter = ',', value_name = "FORMATS")]
     normals: Vec<Format>,
@@ -46,6 +50,16 @@ enum Space {
     Camera,
 }
 
+/// Direction of depths.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+enum Along {
+    /// Distances to the camera, as depth.Z has them
+    #[default]
+    Ray,
+    /// Along the view axis, as depth cameras measure
+    Axis,
+}
+
 /// Depth of pixels without a hit.
 const NOTHING: f32 = 1e10;
 
@@ -69,7 +83,11 @@ impl ArrayArgs {
     pub fn write(&self, picture: &Path, paths: &mut Paths) -> Result<()> {
         if !self.depth.is_empty() {
             let (size, values) = layer(picture, "depth")?;
-            let values: Vec<f32> = values.iter().map(|value| value[0]).collect();
+            let mut values: Vec<f32> = values.iter().map(|value| value[0]).collect();
+            if self.depth_along == Along::Axis {
+                let hits = values.iter_mut().zip(axis_cosines(picture)?).filter(|(depth, _)| **depth < NOTHING);
+                hits.for_each(|(depth, cosine)| *depth *= cosine);
+            }
             for format in &self.depth {
                 let path = format.path(picture, "depth");
                 paths.writes("--depth", &path)?;

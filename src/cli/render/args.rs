@@ -15,13 +15,15 @@ use crate::batch::numbering::numbered;
 use crate::batch::views::{self, MAX_VIEWS};
 use crate::cli::flag_values::value_of;
 use crate::cli::scene_selection::SelectionArgs;
+use crate::cli::view_args::ViewArgs;
+use crate::color::ColorSpace;
 use crate::console::Size;
 use crate::console::args::{positive, seconds, threads};
 use crate::console::progress::Style;
 use crate::console::tev;
 use crate::farm::{PathMapping, utf8};
 use crate::film::denoise::Denoiser;
-use crate::film::{Aov, Denoise, Exposure, View, preview};
+use crate::film::{Aov, Denoise, Exposure, preview};
 use crate::integrator::Reuse;
 use crate::job::memory::parse_size;
 use crate::job::{LightUnit, RenderRequest};
@@ -300,6 +302,9 @@ pub struct RenderArgs {
     /// Write colours and normals as 16-bit floats, which halves the file size.
     #[arg(long, help_heading = "Output")]
     pub half: bool,
+    /// Primaries of the EXR's colours, which its attribute `chromaticities` says. The variance stays that of Rec. 709.
+    #[arg(long, value_parser = value_of::<ColorSpace>(), default_value = ColorSpace::Rec709.name(), help_heading = "Output")]
+    pub colorspace: ColorSpace,
     /// Hide the environment from the camera and write alpha. The environment still lights the scene.
     #[arg(long, help_heading = "Output")]
     pub transparent: bool,
@@ -312,9 +317,8 @@ pub struct RenderArgs {
     /// Show the picture in the viewer tev while it renders; without an address at 127.0.0.1:14158.
     #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = tev::DEFAULT, help_heading = "Output")]
     pub tev: Option<tev::Address>,
-    /// View transform of the PNG.
-    #[arg(long, value_parser = value_of::<View>(), default_value = View::Agx.name(), help_heading = "Output")]
-    pub view: View,
+    #[command(flatten)]
+    pub view: ViewArgs,
     /// Exposure of the PNG in stops, or auto: the log-mean of all parts that are not dark becomes middle grey. The value is
     /// printed and stored in the EXR header (bismar.exposure), so that other pictures of a sequence can use it.
     #[arg(long, value_name = "EV", default_value_t = Exposure::Auto, allow_negative_numbers = true,
@@ -460,9 +464,10 @@ impl RenderArgs {
             strict: args.strict,
             aovs,
             half: args.half,
+            colorspace: args.colorspace,
             denoise: args.denoise,
             preview: args.preview,
-            view: args.view,
+            view: args.view.transform()?,
             exposure: args.exposure,
             stats: args.stats,
             tev: args.tev,
@@ -521,7 +526,7 @@ impl RenderArgs {
             let mapping = PathMapping::read(file)?;
             mapping.apply(&mut args.scene);
             let others = [&mut args.output, &mut args.env, &mut args.cameras, &mut args.preview, &mut args.stats];
-            others.into_iter().flatten().for_each(|path| mapping.apply(path));
+            others.into_iter().flatten().chain([&mut args.view.view]).for_each(|path| mapping.apply(path));
         }
         Ok(args)
     }
@@ -662,9 +667,14 @@ impl RenderArgs {
         args.cameras.iter().try_for_each(|file| views::read(file).map(drop))?;
         flags.retain(|(name, _)| !NOT_FOR_JOBS.contains(&name.as_str()));
         // Paths after --path-mapping.
-        for (name, path) in
-            [("env", &args.env), ("cameras", &args.cameras), ("preview", &args.preview), ("stats", &args.stats)]
-        {
+        let view = Some(args.view.view.clone());
+        for (name, path) in [
+            ("env", &args.env),
+            ("cameras", &args.cameras),
+            ("preview", &args.preview),
+            ("stats", &args.stats),
+            ("view", &view),
+        ] {
             for (_, value) in flags.iter_mut().filter(|(flag, _)| flag == name) {
                 *value = path.as_deref().map(|path| utf8(path).map(str::to_owned)).transpose()?;
             }

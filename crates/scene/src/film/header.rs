@@ -19,5 +19,8 @@ pub const WORLD_TO_CAMERA: &str = "worldToCamera";
 /// and (1, 1) its lower right one; z has no meaning.
 pub const WORLD_TO_NDC: &str = "worldToNDC";
 
+/// The attribute with the intrinsics of a calibrated camera, in pixels of the whole picture, as JSON.
+pub const CALIBRATION: &str = "bismar.calibration";
+
 /// Named header attributes. Names are ASCII with at most 31 characters.
 pub type Header = Vec<(Cow<'static, str>, HeaderValue)>;

@@ -11,6 +11,7 @@ pub mod exr_file;
 pub mod flip;
 mod header;
 pub mod lock;
+pub mod lut;
 pub mod npy;
 mod open;
 pub mod picture;
@@ -23,11 +24,12 @@ pub mod view;
 pub use aov::Aov;
 pub use denoise::denoised;
 pub use exposure::Exposure;
+pub use lut::{Lut, LutInput};
 pub use picture::Picture;
 pub use pixels::{Background, Film, Pixels, colors};
 pub use preview::Look;
 pub use stats::{AovSums, ExtraSums, GroundSums, Peak, PixelStats};
-pub use view::View;
+pub use view::{View, ViewTransform};
 
 /// The denoiser of a finished picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -12,14 +12,14 @@ use png::{BitDepth, ColorType, Compression, DecodeOptions, Decoder, Encoder, Enc
 use super::atomic;
 use super::picture::Picture;
 use super::pixels::{Background, Pixels};
-use super::view::View;
+use super::view::ViewTransform;
 use crate::Result;
 
 /// How a picture is converted for display.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct Look {
     /// The view transform.
-    pub view: View,
+    pub view: ViewTransform,
     /// Exposure in stops.
     pub exposure: f32,
 }
@@ -52,7 +52,7 @@ const KEYWORD: &str = "bismar";
 ///
 /// # Errors
 /// The errors of [`atomic::write`].
-pub fn write(path: &Path, pixels: &dyn Pixels, look: Look, mark: &str) -> Result<()> {
+pub fn write(path: &Path, pixels: &dyn Pixels, look: &Look, mark: &str) -> Result<()> {
     let [x0, y0, x1, y1] = pixels.window();
     let positions = (y0..y1).flat_map(|y| (x0..x1).map(move |x| (x, y)));
     let raster = Raster {
@@ -70,7 +70,7 @@ pub fn write(path: &Path, pixels: &dyn Pixels, look: Look, mark: &str) -> Result
 ///
 /// # Errors
 /// The errors of [`atomic::write`].
-pub fn write_picture(path: &Path, picture: &Picture, opaque: bool, look: Look, mark: &str) -> Result<()> {
+pub fn write_picture(path: &Path, picture: &Picture, opaque: bool, look: &Look, mark: &str) -> Result<()> {
     let (bytes, kind) = developed(picture, opaque, look);
     write_bytes(path, picture.size().map(|n| n as u32), &bytes, kind, mark)
 }
@@ -79,7 +79,7 @@ pub fn write_picture(path: &Path, picture: &Picture, opaque: bool, look: Look, m
 ///
 /// # Errors
 /// [`Error::Bug`](crate::Error::Bug) if the encoder fails.
-pub fn encoded_picture(picture: &Picture, look: Look) -> Result<Vec<u8>> {
+pub fn encoded_picture(picture: &Picture, look: &Look) -> Result<Vec<u8>> {
     let [width, height] = picture.size().map(|n| n as u32);
     encoded(width, height, &developed(picture, true, look).0)
 }
@@ -96,7 +96,7 @@ pub fn encoded(width: u32, height: u32, bytes: &[u8]) -> Result<Vec<u8>> {
     }
 }
 
-fn developed(picture: &Picture, opaque: bool, look: Look) -> (Vec<u8>, ColorType) {
+fn developed(picture: &Picture, opaque: bool, look: &Look) -> (Vec<u8>, ColorType) {
     let alpha = picture.alpha.as_deref().filter(|alpha| !opaque && alpha.iter().any(|a| *a < 1.0));
     let alpha_of = |i: usize| alpha.map_or(1.0, |alpha| alpha[i]);
     let raster = Raster {
@@ -110,7 +110,7 @@ fn developed(picture: &Picture, opaque: bool, look: Look) -> (Vec<u8>, ColorType
 
 impl<I: Iterator<Item = ([f32; 3], f32)>> Raster<I> {
     /// The display-encoded bytes of the pixels, row by row, and their colour type.
-    fn develop(self, look: Look) -> (Vec<u8>, ColorType) {
+    fn develop(self, look: &Look) -> (Vec<u8>, ColorType) {
         let [width, height] = self.size;
         let mut bytes = Vec::with_capacity(width as usize * height as usize * if self.transparent { 4 } else { 3 });
         for (i, (color, alpha)) in (0_i64..).zip(self.pixels) {
@@ -247,9 +247,9 @@ fn dithered(x: f32, at: [i64; 2]) -> u8 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::film::{Film, PixelStats};
+    use crate::film::{Film, PixelStats, View};
 
-    const LOOK: Look = Look { view: View::Srgb, exposure: 0.0 };
+    const LOOK: Look = Look { view: ViewTransform::Named(View::Srgb), exposure: 0.0 };
 
     #[test]
     fn a_preview_has_the_windows_size_and_the_views_colours() {
@@ -260,7 +260,7 @@ mod tests {
         }
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("p.png");
-        write(&path, &film, LOOK, "of a film").unwrap();
+        write(&path, &film, &LOOK, "of a film").unwrap();
         assert_eq!(mark(&path).as_deref(), Some("of a film"));
         let picture = image::open(&path).unwrap().into_rgb8();
         assert_eq!(picture.dimensions(), (100, 99));
@@ -271,7 +271,7 @@ mod tests {
         // A crop has the whole's bytes.
         film.window = [2, 3, 101, 103];
         film.pixels.truncate(9900);
-        write(&path, &film, LOOK, "").unwrap();
+        write(&path, &film, &LOOK, "").unwrap();
         let crop = image::open(&path).unwrap().into_rgb8();
         assert!((0..99).all(|y| (0..99).all(|x| picture[(x, y)] == crop[(x, y)])));
         assert_eq!(mark(&path), None);
@@ -283,7 +283,7 @@ mod tests {
         (0..).zip(&mut film.pixels).for_each(|(i, pixel)| (pixel.samples, pixel.sum) = (1, [0.01 * f64::from(i); 3]));
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("p.png");
-        write(&path, &film, LOOK, "of a film").unwrap();
+        write(&path, &film, &LOOK, "of a film").unwrap();
         let whole = std::fs::read(&path).unwrap();
         let believed = |bytes: &[u8]| {
             std::fs::write(&path, bytes).unwrap();
@@ -307,7 +307,7 @@ mod tests {
         film.pixels[1] = PixelStats { samples: 4, ..PixelStats::EMPTY };
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("p.png");
-        write(&path, &film, LOOK, "").unwrap();
+        write(&path, &film, &LOOK, "").unwrap();
         let picture = image::open(&path).unwrap();
         assert_eq!(picture.color(), image::ColorType::Rgba8);
         assert_eq!(picture.into_rgba8().into_raw(), [255, 0, 0, 64, 0, 0, 0, 0]);

@@ -1,6 +1,11 @@
 //! View transforms from linear radiance to display-encoded colour.
 
+use std::path::PathBuf;
+use std::sync::Arc;
+
 use serde::{Deserialize, Serialize};
+
+use super::lut::Lut;
 
 /// A view transform from linear RGB (Rec. 709 primaries) to display-encoded colour.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -17,6 +22,51 @@ pub enum View {
 }
 
 named_variants! { View { Agx = "agx", Neutral = "neutral", Aces = "aces", Srgb = "srgb" } }
+
+/// A view transform of a name, or of a file.
+#[derive(Debug, Clone)]
+pub enum ViewTransform {
+    /// One of the program's.
+    Named(View),
+    /// A LUT, its file, and a text that differs for other tables and inputs.
+    Lut(Arc<Lut>, PathBuf, String),
+}
+
+impl From<View> for ViewTransform {
+    fn from(view: View) -> Self {
+        Self::Named(view)
+    }
+}
+
+impl ViewTransform {
+    /// Its name; of a LUT the file's.
+    pub fn name(&self) -> String {
+        match self {
+            Self::Named(view) => view.name().into(),
+            Self::Lut(_, path, _) => path.display().to_string(),
+        }
+    }
+
+    /// A text that differs for views that show other colours.
+    pub fn key(&self) -> &str {
+        match self {
+            Self::Named(view) => view.name(),
+            Self::Lut(.., key) => key,
+        }
+    }
+
+    /// [`View::apply`]. A LUT also takes negative radiance, of colours outside Rec. 709.
+    pub fn apply(&self, radiance: [f32; 3], exposure_ev: f32) -> [f32; 3] {
+        match self {
+            Self::Named(view) => view.apply(radiance, exposure_ev),
+            Self::Lut(lut, ..) => {
+                let gain = exposure_ev.exp2();
+                let finite = |x: f32| if x.is_nan() { 0.0 } else { x.clamp(-1e30, 1e30) };
+                lut.apply(radiance.map(|x| finite(x * gain))).to_array().map(|x| x.clamp(0.0, 1.0))
+            }
+        }
+    }
+}
 
 impl View {
     /// Display-encoded RGB in [0, 1] of linear radiance at an exposure in stops. It is never NaN: NaN and negative radiance count

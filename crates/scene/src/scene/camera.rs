@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::{Affine3A, Mat3, Vec3};
 
-use super::{Framing, Motion};
+use super::{Calibration, Framing, Motion};
 
 /// Projection of a camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -24,6 +24,9 @@ pub enum Projection {
     /// All directions, as an equirectangular picture: the longitude about the camera's y axis goes from −π at the left side
     /// over 0 (the view axis) in the middle to π, the latitude from π/2 at the top to −π/2.
     Panorama,
+    /// Principal point, focal lengths and distortion as they were measured, [sound](Calibration::fault). A picture of another
+    /// size shows the same, with both axes scaled.
+    Calibrated(Calibration),
 }
 
 /// A camera that looks along its local −z axis, with +y up.
@@ -91,6 +94,7 @@ impl Camera {
         let aspect = self.aspect.or(match self.projection {
             Projection::Orthographic { xmag, ymag } => Some((xmag / ymag).abs()),
             Projection::Panorama => Some(2.0),
+            Projection::Calibrated(of) => Some((of.w / of.h) as f32),
             Projection::Perspective { .. } => None,
         });
         aspect.filter(|aspect| aspect.is_finite() && *aspect > 0.0)

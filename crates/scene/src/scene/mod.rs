@@ -7,6 +7,7 @@ use glam::{DVec3, Vec2, Vec3, Vec4};
 
 pub mod alpha;
 pub mod build;
+pub mod calibration;
 pub mod camera;
 mod choose;
 pub mod environment;
@@ -20,6 +21,7 @@ pub mod placed;
 pub mod sky;
 pub mod texture;
 
+pub use calibration::Calibration;
 pub use camera::{Camera, Projection};
 #[doc(hidden)]
 pub use choose::choose;

@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use glam::{Affine3A, DMat3, DMat4, DVec3, Mat3};
 
-use super::{Camera, Framing, Projection, Scene};
+use super::{Calibration, Camera, Framing, Projection, Scene};
 use crate::{Error, Result};
 
 /// A view of the whole scene from a point around it. Text form: `AZIMUTH,ELEVATION[,DISTANCE]`.
@@ -29,10 +29,12 @@ pub enum FieldOfView {
     Horizontal(f64),
     /// All directions: an equirectangular picture with the view axis in its middle.
     Panorama,
+    /// As it was calibrated.
+    Calibrated(Calibration),
 }
 
-/// A perspective camera or a panorama that is placed by a matrix. Text form: 16 numbers row by row, the field of view with `v`
-/// or `h` before it or `panorama`, the name; separated by commas.
+/// A camera that is placed by a matrix. Text form: 16 numbers row by row, the field of view with `v` or `h` before it, or
+/// `panorama`, or `pinhole` or `fisheye` with the other numbers of a [`Calibration`] after colons; the name; with commas between.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlacedCamera {
     /// Its name.
@@ -44,8 +46,9 @@ pub struct PlacedCamera {
     pub fov: FieldOfView,
 }
 
-/// Field of view of a panorama in the text form.
+/// Fields of view in the text form, without their numbers.
 const PANORAMA: &str = "panorama";
+const CALIBRATED: [&str; 2] = ["pinhole", "fisheye"];
 
 impl Orbit {
     /// Name of its camera.
@@ -113,7 +116,8 @@ impl PlacedCamera {
     /// The camera for a picture with this aspect (width over height).
     ///
     /// # Errors
-    /// [`Error::Usage`] for a matrix that is no rotation and translation, or a field of view that is out of range.
+    /// [`Error::Usage`] for a matrix that is no rotation and translation, a field of view that is out of range, or a
+    /// [`Calibration::fault`].
     pub fn camera(&self, aspect: f64) -> Result<Camera> {
         let Self { name, to_world: rows, fov } = self;
         let wrong = |why: &str| Err(Error::Usage(format!("camera '{name}': {why}")));
@@ -121,6 +125,11 @@ impl PlacedCamera {
             && !(degrees > 0.0 && degrees < 180.0)
         {
             return wrong(&format!("its field of view is {degrees}, not above 0 and below 180 degrees"));
+        }
+        if let FieldOfView::Calibrated(calibration) = fov
+            && let Some(fault) = calibration.fault()
+        {
+            return wrong(&fault);
         }
         if !rows.iter().flatten().all(|x| x.is_finite()) {
             return wrong("its matrix has numbers that are not finite");
@@ -140,6 +149,7 @@ impl PlacedCamera {
             FieldOfView::Vertical(degrees) => perspective(degrees.to_radians()),
             FieldOfView::Horizontal(degrees) => perspective(2.0 * ((0.5 * degrees.to_radians()).tan() / aspect).atan()),
             FieldOfView::Panorama => Projection::Panorama,
+            FieldOfView::Calibrated(calibration) => Projection::Calibrated(calibration),
         };
         Ok(Camera {
             name: name.clone(),
@@ -168,7 +178,16 @@ impl FromStr for PlacedCamera {
         let flat: [f64; 16] = numbers.and_then(|numbers| numbers.try_into().ok()).ok_or(wrong)?;
         let of = |kind: char| fov.strip_prefix(kind).and_then(|degrees| degrees.parse().ok());
         let panorama = (*fov == PANORAMA).then_some(FieldOfView::Panorama);
-        let fov = of('v').map(FieldOfView::Vertical).or(of('h').map(FieldOfView::Horizontal)).or(panorama);
+        let calibrated = || {
+            let (kind, numbers) = fov.split_once(':')?;
+            let numbers: Option<Vec<f64>> = numbers.split(':').map(|x| x.parse().ok()).collect();
+            let &[w, h, fl_x, fl_y, cx, cy, k1, k2, k3, k4, k5, k6, p1, p2] = &numbers?[..] else { return None };
+            let fisheye = CALIBRATED.iter().position(|name| *name == kind)? == 1;
+            let (k, p) = ([k1, k2, k3, k4, k5, k6], [p1, p2]);
+            Some(FieldOfView::Calibrated(Calibration { fisheye, w, h, fl_x, fl_y, cx, cy, k, p }))
+        };
+        let angle = of('v').map(FieldOfView::Vertical).or(of('h').map(FieldOfView::Horizontal));
+        let fov = angle.or(panorama).or_else(calibrated);
         let fov = fov.ok_or(wrong)?;
         let to_world = std::array::from_fn(|row| std::array::from_fn(|column| flat[4 * row + column]));
         Ok(Self { name: (*name).into(), to_world, fov })
@@ -182,6 +201,12 @@ impl Display for PlacedCamera {
             FieldOfView::Vertical(degrees) => write!(f, "v{degrees},{}", self.name),
             FieldOfView::Horizontal(degrees) => write!(f, "h{degrees},{}", self.name),
             FieldOfView::Panorama => write!(f, "{PANORAMA},{}", self.name),
+            FieldOfView::Calibrated(Calibration { fisheye, w, h, fl_x, fl_y, cx, cy, k, p }) => {
+                write!(f, "{}", CALIBRATED[usize::from(fisheye)])?;
+                let numbers = [w, h, fl_x, fl_y, cx, cy].into_iter().chain(k).chain(p);
+                numbers.into_iter().try_for_each(|x| write!(f, ":{x}"))?;
+                write!(f, ",{}", self.name)
+            }
         }
     }
 }
@@ -240,7 +265,20 @@ mod tests {
         let around = PlacedCamera { fov: FieldOfView::Panorama, ..placed.clone() };
         assert_eq!(around.to_string().parse(), Ok(around.clone()));
         assert_eq!(around.camera(2.0).unwrap().projection, Projection::Panorama);
-        for bad in ["", "1,2,v3,name", "x,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,v3,name"] {
+        let (k, p) = ([-0.1, 0.02, 0.0, 1e-3, 0.0, 0.0], [1e-4, 0.0]);
+        let of =
+            |fisheye, k, p| Calibration { fisheye, w: 64.0, h: 48.0, fl_x: 70.1, fl_y: 69.5, cx: 30.0, cy: 25.5, k, p };
+        for of in [of(false, k, p), of(true, [0.0; 6], [0.0; 2])] {
+            let measured = PlacedCamera { fov: FieldOfView::Calibrated(of), ..placed.clone() };
+            assert_eq!(measured.to_string().parse(), Ok(measured.clone()));
+            assert_eq!(measured.camera(2.0).unwrap().natural_aspect(), Some(64.0 / 48.0));
+        }
+        for bad in [
+            "",
+            "1,2,v3,name",
+            "x,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,v3,name",
+            "0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,fisheye:1,a",
+        ] {
             assert!(bad.parse::<PlacedCamera>().is_err(), "{bad}");
         }
         let Projection::Perspective { yfov } = placed.camera(2.0).unwrap().projection else { panic!() };

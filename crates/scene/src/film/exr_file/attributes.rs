@@ -5,6 +5,9 @@ pub(super) const LENGTH: &str = "bismar.bytes";
 /// The attribute with their BLAKE3 hash, hexadecimal.
 pub(super) const HASH: &str = "bismar.hash";
 
+/// The attribute with the primaries of the variance, where they are not the picture's.
+pub(super) const VARIANCE: &str = "bismar.variance";
+
 /// An OpenEXR string: bytes, UTF-8 by convention.
 pub(super) fn text(s: &str) -> exr::meta::attribute::Text {
     exr::meta::attribute::Text::from_slice_unchecked(s.as_bytes())

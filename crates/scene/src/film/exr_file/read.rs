@@ -15,7 +15,7 @@ use exr::meta::header::Header as ExrHeader;
 use exr::prelude::*;
 use glam::Mat3;
 
-use super::attributes::{HASH, LENGTH, string, text};
+use super::attributes::{HASH, LENGTH, VARIANCE, string, text};
 use super::checksum::CHECKSUM;
 use super::{bounds, head};
 use crate::film::cryptomatte::PREFIX;
@@ -260,11 +260,17 @@ fn decode(bytes: &[u8], layer: Option<&str>, fits: &Fits) -> Result<Picture> {
         Ok(())
     })?;
     let is_rgb = colors.iter().zip(["R", "G", "B"]).all(|(name, letter)| name.ends_with(letter));
+    let plain_variance = attribute(&header, VARIANCE).is_some();
+    let is_rgb = is_rgb && !(plain_variance && layer == Some("variance"));
     if let Some(c) = header.shared_attributes.chromaticities.filter(|_| is_rgb) {
         let points = [c.red, c.green, c.blue, c.white].map(|Vec2(x, y)| [x, y]);
         match color::rec709_from_rgb(points.as_flattened().try_into().expect("four points")) {
             Some(matrix) if matrix == Mat3::IDENTITY => {}
-            Some(matrix) => picture.transform(matrix),
+            Some(matrix) => {
+                let kept = picture.variance.take_if(|_| plain_variance);
+                picture.transform(matrix);
+                picture.variance = kept.or(picture.variance);
+            }
             None => tracing::warn!("chromaticities {points:?} are no colour space's: read as those of Rec. 709"),
         }
     }

@@ -85,7 +85,7 @@ fn colours_are_halved_on_demand_and_nothing_else_is() {
     film.pixels[3].sum = [4e9; 3];
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.exr");
-    let layers = Layers { aovs: &Aov::ALL, half: true, denoised: None };
+    let layers = Layers { aovs: &Aov::ALL, half: true, ..Default::default() };
     write(&path, &film, layers, &Header::new(), None).unwrap();
     let image = read_first_flat_layer_from_file(&path).unwrap();
     let halved = image.layer_data.channel_data.list.iter().filter(|c| matches!(c.sample_data, FlatSamples::F16(_)));

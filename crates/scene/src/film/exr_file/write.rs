@@ -10,10 +10,12 @@ use exr::math::RoundingMode;
 use exr::meta::attribute::{AttributeValue, Chromaticities, IntegerBounds, LevelMode, SampleType};
 use exr::meta::header::Header as ExrHeader;
 use exr::prelude::*;
+use glam::Vec3;
 
-use super::attributes::{HASH, LENGTH, text};
+use super::attributes::{HASH, LENGTH, VARIANCE, text};
 use super::checksum::{self, CHECKSUM};
-use crate::film::aov::{self, Aov, Value};
+use crate::color::ColorSpace;
+use crate::film::aov::{self, Aov, Channel, Value};
 use crate::film::atomic;
 use crate::film::header::{Header, HeaderValue, WORLD_TO_CAMERA, WORLD_TO_NDC};
 use crate::film::pixels::Pixels;
@@ -26,6 +28,8 @@ pub struct Layers<'a> {
     pub aovs: &'a [Aov],
     /// Whether colours and directions are 16-bit floats. Distances, statistics and identifiers always have 32 bits.
     pub half: bool,
+    /// Primaries of R, G and B of all layers but the variance, which `compare` needs as it is.
+    pub colorspace: ColorSpace,
     /// The layer `denoised`: linear RGB, row by row over the window.
     pub denoised: Option<&'a [[f32; 3]]>,
 }
@@ -116,12 +120,25 @@ fn image_of<'a>(pixels: &'a dyn Pixels, layers: Layers<'a>, header: &Header) -> 
     let mut aovs = layers.aovs.to_vec();
     aovs.sort();
     aovs.dedup();
+    let converted = (layers.colorspace != ColorSpace::Rec709).then(|| layers.colorspace.from_rec709());
     let beauty = aov::beauty(pixels.background());
     let with_extras = pixels.extras(x0, y0).is_some();
     let channels = beauty.into_iter().chain(aovs.iter().flat_map(|aov| aov.channels(pixels.has_aovs(), with_extras)));
     let channels = channels.map(|channel| {
         let (name, value) = (text(&channel.name), channel.value);
-        let float = move |x, y| channel.float(pixels, x0 + x as u32, y0 + y as u32);
+        let row = converted.filter(|_| is_color(&channel)).map(|matrix| matrix.row(channel.component));
+        let float = move |x, y| {
+            let (x, y) = (x0 + x as u32, y0 + y as u32);
+            match row {
+                None => channel.float(pixels, x, y),
+                Some(row) => {
+                    let of = |component| Channel { name: String::new(), component, ..channel }.float(pixels, x, y);
+                    let color = Vec3::from([0, 1, 2].map(of));
+                    // An infinite sun would become NaN.
+                    if color.is_finite() { row.dot(color) } else { color[channel.component] }
+                }
+            }
+        };
         let samples = match value {
             Value::Color(_) | Value::ExtraColor(_) if layers.half => {
                 Samples::Half(Box::new(move |x, y| half(float(x, y))))
@@ -140,6 +157,9 @@ fn image_of<'a>(pixels: &'a dyn Pixels, layers: Layers<'a>, header: &Header) -> 
         ..Default::default()
     };
     own.other.insert(text(CHECKSUM), AttributeValue::Text(text(checksum::PLACEHOLDER)));
+    if converted.is_some() {
+        own.other.insert(text(VARIANCE), AttributeValue::Text(text(ColorSpace::Rec709.name())));
+    }
     for (name, value) in header {
         let value = match (name.as_ref(), value) {
             (_, HeaderValue::Text(t)) => AttributeValue::Text(text(t)),
@@ -159,7 +179,10 @@ fn image_of<'a>(pixels: &'a dyn Pixels, layers: Layers<'a>, header: &Header) -> 
     let size = Vec2((x1 - x0) as usize, (y1 - y0) as usize);
     let denoised = layers.denoised.into_iter().flat_map(|rgb| {
         ["R", "G", "B"].into_iter().enumerate().map(move |(c, letter)| {
-            let value = move |x: usize, y: usize| rgb[y * size.0 + x][c];
+            let value = move |x: usize, y: usize| {
+                let color = rgb[y * size.0 + x];
+                converted.map_or(color[c], |matrix| matrix.row(c).dot(color.into()))
+            };
             let samples = match layers.half {
                 true => Samples::Half(Box::new(move |x, y| half(value(x, y)))),
                 false => Samples::Float(Box::new(value)),
@@ -171,13 +194,15 @@ fn image_of<'a>(pixels: &'a dyn Pixels, layers: Layers<'a>, header: &Header) -> 
     let [width, height] = pixels.size();
     let mut shared = ImageAttributes::new(IntegerBounds::from_dimensions(Vec2(width as usize, height as usize)));
     // Rec. 709 is the default; readers differ if it is not stated.
-    shared.chromaticities = Some(Chromaticities {
-        red: Vec2(0.64, 0.33),
-        green: Vec2(0.3, 0.6),
-        blue: Vec2(0.15, 0.06),
-        white: Vec2(0.3127, 0.329),
-    });
+    let [rx, ry, gx, gy, bx, by, wx, wy] = layers.colorspace.chromaticities();
+    let [red, green, blue, white] = [Vec2(rx, ry), Vec2(gx, gy), Vec2(bx, by), Vec2(wx, wy)];
+    shared.chromaticities = Some(Chromaticities { red, green, blue, white });
     (shared, layer)
+}
+
+/// Is it red, green or blue of a colour?
+fn is_color(channel: &Channel) -> bool {
+    matches!(channel.value, Value::Color(_) | Value::ExtraColor(_)) && channel.name.ends_with(['R', 'G', 'B'])
 }
 
 /// The nearest 16-bit float; larger finite values become the largest finite one.

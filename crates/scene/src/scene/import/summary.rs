@@ -197,6 +197,7 @@ fn camera(index: usize, camera: &crate::scene::Camera) -> CameraSummary {
         Projection::Perspective { yfov } => ("perspective", yfov.to_degrees()),
         Projection::Orthographic { ymag, .. } => ("orthographic", ymag),
         Projection::Panorama => ("panorama", 180.0),
+        Projection::Calibrated(of) => (of.described().0, of.described().1 as f32),
     };
     let position = camera.to_world.translation.to_array();
     let znear = camera.clip.map(|[near, _]| near);

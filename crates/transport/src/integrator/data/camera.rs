@@ -6,7 +6,8 @@ use std::sync::Arc;
 use glam::{Affine3A, Mat3, Mat4, Vec2, Vec3, Vec3A, Vec4};
 
 use crate::lanes::{F, V3, eight};
-use crate::scene::{Camera, Motion, Projection};
+use crate::scene::calibration::{Distortion, NODES, STEPS, Undistortion};
+use crate::scene::{Calibration, Camera, Motion, Projection};
 
 /// A thin lens.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -52,8 +53,11 @@ pub struct CameraRays {
     /// Half width and height of the picture at distance 1 (perspective) or of the view volume (orthographic), in metres; π and
     /// π/2 of a panorama, in radians.
     half: [f32; 2],
+    /// The principal point in halves of the picture, from its upper left corner: 1 in the middle.
+    middle: [f32; 2],
     size: [f32; 2],
     kind: Kind,
+    lens_distortion: Option<Arc<Distorted>>,
     lens: Option<Lens>,
     /// [`Camera::clip`].
     clip: Option<[f32; 2]>,
@@ -64,6 +68,15 @@ enum Kind {
     Perspective,
     Orthographic,
     Panorama,
+    Distorted,
+}
+
+/// What a camera with distortion needs for its rays.
+#[derive(Debug)]
+struct Distorted {
+    calibration: Calibration,
+    distortion: Distortion<F>,
+    inverse: Undistortion,
 }
 
 /// Eight camera poses in world space: unit axes and position.
@@ -77,21 +90,39 @@ struct CameraPose {
 impl CameraRays {
     /// A pinhole camera. The vertical field of view is the camera's; the horizontal one follows from the aspect of the
     /// picture, `width` × `height` pixels. A panorama covers all directions whatever the aspect.
+    /// A calibrated camera shows the same at every size.
     pub fn new(camera: &Camera, width: u32, height: u32) -> Self {
         let aspect = width as f32 / height as f32;
+        let calibration = match camera.projection {
+            Projection::Calibrated(of) => Some(of.scaled(width, height)),
+            _ => None,
+        };
         let (half_height, kind) = match camera.projection {
             Projection::Perspective { yfov } => ((0.5 * yfov).tan(), Kind::Perspective),
             Projection::Orthographic { ymag, .. } => (ymag, Kind::Orthographic),
             Projection::Panorama => (0.5 * PI, Kind::Panorama),
+            Projection::Calibrated(of) => {
+                ((0.5 * of.h / of.fl_y) as f32, if of.is_linear() { Kind::Perspective } else { Kind::Distorted })
+            }
         };
-        let half_width = if kind == Kind::Panorama { PI } else { half_height * aspect };
+        let half_width = match calibration {
+            Some(of) => (0.5 * of.w / of.fl_x) as f32,
+            None if kind == Kind::Panorama => PI,
+            None => half_height * aspect,
+        };
+        let lens_distortion = calibration.filter(|of| !of.is_linear()).map(|calibration| {
+            let distortion = calibration.distortion().map(|x| F::splat(x as f32));
+            Arc::new(Distorted { calibration, distortion, inverse: calibration.undistortion().0 })
+        });
         Self {
             to_world: camera.to_world,
             motion: camera.motion.clone(),
             adjacent_frames: camera.adjacent_frames,
             half: [half_width, half_height],
+            middle: calibration.map_or([1.0; 2], |of| [2.0 * of.cx / of.w, 2.0 * of.cy / of.h].map(|x| x as f32)),
             size: [width as f32, height as f32],
             kind,
+            lens_distortion,
             lens: None,
             clip: camera.clip,
         }
@@ -103,8 +134,8 @@ impl CameraRays {
     }
 
     /// The matrices of OpenEXR's `worldToCamera` and `worldToNDC`, row-major for row vectors. Camera space: x right, y up, z
-    /// along the view. NDC, after division by w: x and y from 0 in the upper left to 1 in the lower right corner; `None` for a
-    /// panorama, which no matrix projects.
+    /// along the view. NDC, after division by w: x and y from 0 in the upper left to 1 in the lower right corner; `None` for
+    /// panoramas and lenses with distortion, which no matrix projects.
     pub fn matrices(&self) -> ([f32; 16], Option<[f32; 16]>) {
         let m = &self.to_world.matrix3;
         let [right, up, forward] = [m.x_axis, m.y_axis, -m.z_axis].map(Vec3::from);
@@ -112,11 +143,12 @@ impl CameraRays {
         let to_camera = Mat4::from_mat3(Mat3::from_cols(right, up, forward).transpose()) * Mat4::from_translation(-eye);
         // The columns are the images of x, y, z and 1 in camera space.
         let [x, y] = self.half.map(|half| 0.5 / half);
-        let (centre, one) = (Vec4::new(0.5, 0.5, 0.0, 0.0), Vec4::new(0.0, 0.0, 0.0, 1.0));
+        let [across, down] = self.middle.map(|middle| 0.5 * middle);
+        let (centre, one) = (Vec4::new(across, down, 0.0, 0.0), Vec4::new(0.0, 0.0, 0.0, 1.0));
         let (along, constant) = match self.kind {
             Kind::Perspective => (centre + Vec4::Z + one, -Vec4::Z),
             Kind::Orthographic => (Vec4::Z, centre + one),
-            Kind::Panorama => return (to_camera.to_cols_array(), None),
+            Kind::Panorama | Kind::Distorted => return (to_camera.to_cols_array(), None),
         };
         let to_picture = Mat4::from_cols(Vec4::X * x, Vec4::Y * -y, along, constant) * to_camera;
         // A matrix for column vectors, column by column, is the one for row vectors, row by row.
@@ -137,11 +169,13 @@ impl CameraRays {
     pub fn project(&self, to_world: Option<Affine3A>, p: Vec3) -> Option<Vec2> {
         let p = to_world.unwrap_or(self.to_world).inverse().transform_point3(p);
         let (at, depth) = match self.kind {
+            Kind::Distorted => return self.lens_distortion.as_ref().and_then(|lens| lens.project(p)),
             Kind::Perspective => (Vec2::new(p.x, p.y), -p.z),
             Kind::Orthographic => (Vec2::new(p.x, p.y), 1.0),
             Kind::Panorama => (Vec2::new(p.x.atan2(-p.z), p.y.atan2(p.x.hypot(p.z))), 1.0),
         };
         let at = at * 0.5 * Vec2::from(self.size) / (Vec2::from(self.half) * depth);
+        let at = at + 0.5 * Vec2::from(self.size) * Vec2::new(self.middle[0] - 1.0, 1.0 - self.middle[1]);
         Some(at).filter(|at| at.is_finite() && depth > 0.0)
     }
 
@@ -220,13 +254,17 @@ impl CameraRays {
     #[inline(always)]
     fn rays_from(&self, pose: &CameraPose, x: F, y: F) -> (V3, V3) {
         let &CameraPose { right, up, back, eye } = pose;
-        let sx = x.mul_add(F::splat(2.0 / self.size[0]), F::splat(-1.0)) * F::splat(self.half[0]);
-        let sy = y.mul_add(F::splat(-2.0 / self.size[1]), F::ONE) * F::splat(self.half[1]);
+        let sx = x.mul_add(F::splat(2.0 / self.size[0]), F::splat(-self.middle[0])) * F::splat(self.half[0]);
+        let sy = y.mul_add(F::splat(-2.0 / self.size[1]), F::splat(self.middle[1])) * F::splat(self.half[1]);
         let across = right * sx + up * sy;
         match self.kind {
             Kind::Perspective => (eye, (across - back).normalize_or(back)),
             Kind::Orthographic => (eye + across, (V3::ZERO - back).normalize_or(back)),
             Kind::Panorama => Self::panorama_ray(pose, sx, sy),
+            Kind::Distorted => match &self.lens_distortion {
+                Some(lens) => (eye, lens.direction(pose, sx, F::ZERO - sy)),
+                None => (eye, V3::ZERO - back),
+            },
         }
     }
 
@@ -240,10 +278,60 @@ impl CameraRays {
     }
 }
 
+impl Distorted {
+    /// Unit directions through points of the plane at distance 1, to the right and down: interpolated between the nodes of the
+    /// inverse, then by as many steps of Newton's method for all rays, so that a ray's bits do not depend on its neighbours.
+    #[inline(never)]
+    fn direction(&self, &CameraPose { right, up, back, .. }: &CameraPose, x: F, y: F) -> V3 {
+        let [low, high] = self.inverse.corners;
+        let cells = (NODES - 1) as f32;
+        let along = |at: F, axis: usize| {
+            let at = at.fast_max(F::splat(low[axis] as f32)).fast_min(F::splat(high[axis] as f32));
+            let per_unit = f64::from(cells) / (high[axis] - low[axis]);
+            let place = (at - F::splat(low[axis] as f32)) * F::splat(per_unit as f32);
+            let cell = place.floor().fast_max(F::ZERO).fast_min(F::splat(cells - 1.0));
+            (at, cell, place - cell)
+        };
+        let ((x, column, u), (y, row, v)) = (along(x, 0), along(y, 1));
+        let first = row.mul_add(F::splat(NODES as f32), column).to_array().map(|first| first as usize);
+        let node = |offset: usize| {
+            let at = eight(|lane| self.inverse.nodes.get(first[lane] + offset).copied().unwrap_or_default());
+            [0, 1].map(|axis| F::from(eight(|lane| at[lane][axis])))
+        };
+        let mix = |a: [F; 2], b: [F; 2], t: F| [a[0] + (b[0] - a[0]) * t, a[1] + (b[1] - a[1]) * t];
+        let mut at = mix(mix(node(0), node(1), u), mix(node(NODES), node(NODES + 1), u), v);
+        for _ in 0..STEPS {
+            at = self.distortion.step(at, [x, y]);
+        }
+        let [across, down] = at;
+        let direction = if self.calibration.fisheye {
+            let angle = across.mul_add(across, down * down).sqrt();
+            let (s, c) = angle.sin_cos();
+            let share = angle.simd_gt(F::splat(1e-6)).select(s / angle, F::ONE);
+            (right * across - up * down) * share - back * c
+        } else {
+            right * across - up * down - back
+        };
+        direction.normalize_or(V3::ZERO - back)
+    }
+
+    /// [`CameraRays::project`] of a point in camera space.
+    fn project(&self, p: Vec3) -> Option<Vec2> {
+        let of = &self.calibration;
+        let [x, y, z] = [p.x, -p.y, -p.z].map(f64::from);
+        let across = x.hypot(y);
+        let per_metre = if of.fisheye && across > 0.0 { across.atan2(z) / across } else { 1.0 / z };
+        let ([u, v], _) = of.distortion().at([x * per_metre, y * per_metre]);
+        let at = Vec2::new((of.fl_x * u + of.cx - 0.5 * of.w) as f32, (0.5 * of.h - of.cy - of.fl_y * v) as f32);
+        Some(at).filter(|at| at.is_finite() && (of.fisheye || z > 0.0))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::lanes::LANES;
+    use crate::scene::PlacedCamera;
 
     #[test]
     fn matrices_take_points_on_a_pixels_ray_back_to_the_pixel() {
@@ -298,5 +386,83 @@ mod tests {
         let over = rays.rays(F::splat(20.0), F::splat(-0.5), F::ZERO).1.lane(0);
         let behind = rays.rays(F::splat(52.0), F::splat(0.5), F::ZERO).1.lane(0);
         assert!((over - behind).length() < 1e-5, "{over} {behind}");
+    }
+
+    /// Cameras, points of OpenCV's camera space in metres, and where `cv2.projectPoints` and `cv2.fisheye.projectPoints` of
+    /// OpenCV 5 put them, from the middle of the upper left pixel. The angles from the axis are up to 60 degrees.
+    #[test]
+    fn rays_of_calibrated_cameras_go_where_opencv_projects_from() {
+        let cameras = [
+            (
+                "pinhole:1920:1080:840:862:971.8:533.3:0.5:0.06:0.002:0.8:0.14:0.006:0.0006:-0.0004",
+                vec![
+                    ([0.0, 0.0, 3.0], [971.3000, 532.8000]),
+                    ([-1.1914, -0.4336, 2.7189], [624.6167, 403.4628]),
+                    ([0.4229, 1.5782, 2.516], [1097.8231, 1018.0924]),
+                    ([1.8121, -0.6595, 2.2981], [1530.5548, 324.2086]),
+                    ([-1.9583, 0.7128, 2.158], [351.3865, 764.7168]),
+                    ([-2.5751, -0.2253, 1.5226], [48.5219, 451.5277]),
+                    ([2.2917, -1.2185, 1.5045], [1790.0256, 87.0750]),
+                ],
+            ),
+            (
+                "pinhole:1920:1080:1100:1092:942.2:551.7:-0.28:0.09:-0.012:0:0:0:-0.0008:0.0005",
+                vec![
+                    ([0.0, 0.0, 3.0], [941.7000, 551.2000]),
+                    ([-1.1914, -0.4336, 2.7189], [487.2521, 386.7772]),
+                    ([1.8121, -0.6595, 2.2981], [1674.6059, 285.9292]),
+                    ([-1.9583, 0.7128, 2.158], [137.6770, 841.0979]),
+                ],
+            ),
+            (
+                "fisheye:1920:1080:520:523:955.5:546:0.03:-0.008:0.004:-0.0004:0:0:0:0",
+                vec![
+                    ([0.0, 0.0, 3.0], [955.0000, 545.5000]),
+                    ([-1.1914, -0.4336, 2.7189], [740.6259, 467.0303]),
+                    ([0.4229, 1.5782, 2.516], [1033.2328, 839.1374]),
+                    ([1.8121, -0.6595, 2.2981], [1300.6340, 418.9834]),
+                    ([-1.9583, 0.7128, 2.158], [573.8646, 685.0295]),
+                    ([-2.5751, -0.2253, 1.5226], [402.2362, 496.8587]),
+                    ([2.2917, -1.2185, 1.5045], [1448.3960, 281.6472]),
+                ],
+            ),
+        ];
+        for (text, points) in cameras {
+            let placed = format!("1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1,{text},a").parse::<PlacedCamera>().unwrap();
+            let rays = CameraRays::new(&placed.camera(1.0).unwrap(), 1920, 1080);
+            assert!(rays.matrices().1.is_none());
+            let ray = |x: f64, y: f64| rays.rays(F::splat(x as f32), F::splat(y as f32), F::ZERO).1.lane(3);
+            let pixel = |p: Vec3| rays.project(None, p).map(|at| [at.x + 960.0, 540.0 - at.y].map(f64::from)).unwrap();
+            for ([x, y, z], [u, v]) in points {
+                let (u, v) = (u + 0.5, v + 0.5);
+                let seen = pixel(Vec3::new(x, -y, -z));
+                assert!((seen[0] - u).hypot(seen[1] - v) < 1e-3, "{text}: {seen:?} {u} {v}");
+                let (to, d) = (Vec3::new(x, -y, -z).normalize(), ray(u, v));
+                // A hundredth of a pixel where there are most in an angle.
+                assert!(to.distance(d) * 4.0 * 1100.0 < 0.01, "{text}: {to} {d}");
+            }
+            for (x, y) in (0..=80).flat_map(|x| (0..=45).map(move |y| (24.0 * f64::from(x), 24.0 * f64::from(y)))) {
+                let seen = pixel(ray(x, y) * 7.0);
+                assert!((seen[0] - x).hypot(seen[1] - y) < 5e-3, "{text}: {x} {y} {seen:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_calibrated_camera_without_distortion_is_a_shifted_pinhole_with_a_matrix() {
+        let text = "0,0,1,2,0,1,0,-1,-1,0,0,3,0,0,0,1,pinhole:320:200:150:170:130:120.5:0:0:0:0:0:0:0:0,a";
+        let rays = CameraRays::new(&text.parse::<PlacedCamera>().unwrap().camera(1.0).unwrap(), 640, 400);
+        let matrix = Mat4::from_cols_array(&rays.matrices().1.unwrap());
+        for (x, y) in [(0.0, 0.0), (640.0, 400.0), (260.0, 241.0), (31.0, 370.0)] {
+            let (origin, direction) = rays.rays(F::splat(x), F::splat(y), F::ZERO);
+            let [origin, d] = [origin.lane(0), direction.lane(0)];
+            // The matrix turns the camera's axes: right is -z, back is +x.
+            let (across, down) = ((x / 2.0 - 130.0) / 150.0, (y / 2.0 - 120.5) / 170.0);
+            assert!(d.distance(Vec3::new(-1.0, -down, -across).normalize()) < 1e-6, "{d}");
+            let at = matrix.project_point3(origin + d * 5.0);
+            assert!((at.x - x / 640.0).abs() < 1e-5 && (at.y - y / 400.0).abs() < 1e-5, "{at}");
+            let seen = rays.project(None, origin + d * 5.0).unwrap();
+            assert!((seen - Vec2::new(x - 320.0, 200.0 - y)).length() < 1e-3, "{seen}");
+        }
     }
 }

@@ -92,6 +92,7 @@ fn eyes(scene: &Scene, views: &Views) -> Option<Vec<Eye>> {
         let (half, parallel) = match camera.projection {
             Projection::Perspective { yfov } => ((0.5 * yfov).tan(), false),
             Projection::Orthographic { ymag, .. } => (ymag.abs(), true),
+            Projection::Calibrated(of) => ((0.5 * of.h / of.fl_y) as f32, false),
             Projection::Panorama => (0.5 * height as f32 * TAU / width as f32, false),
         };
         Eye { position: camera.to_world.translation, pixels: 0.5 * height as f32 / half, parallel }
