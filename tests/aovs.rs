@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use bismar::film::{Aov, AovSums, ExtraSums, PixelStats, Pixels, exr_file};
 use bismar::rays::Backend;
-use bismar::render::{Balance, Choice, RenderSettings, Rendered, render};
+use bismar::render::{Balance, Choice, RenderSettings, Rendered, Technique, render};
 use bismar::scene::{Environment, Material, PunctualKind, PunctualLight, Scene};
 use exr::image::FlatSamples;
 use glam::{Vec3, Vec4};
@@ -29,8 +29,7 @@ fn rendered_by(scene: Scene, balance: Balance, adaptive: Choice) -> Rendered {
         aovs: true,
         extras: true,
         balance,
-        adaptive,
-        ..RenderSettings::even()
+        ..RenderSettings::even().with(Technique::Adaptive, adaptive)
     };
     render(&stage.scene, &settings, &AtomicBool::new(false), &|_| ()).unwrap()
 }
@@ -80,8 +79,8 @@ fn groups_of_light_and_direct_and_indirect_light_add_up_to_the_beauty() {
         let mut scene = lit_by(radiance);
         scene.lights[0].size = size;
         let rendered = rendered_by(scene, balance, adaptive);
-        let found = rendered.stats.techniques.adaptive.map_or(0.0, |adaptive| adaptive.efficiency.emission_rays);
-        assert_eq!(found > 0.0, adaptive == Choice::On);
+        let found = rendered.stats.techniques[Technique::Adaptive].and_then(|adaptive| adaptive.emission_rays);
+        assert_eq!(found > Some(0.0), adaptive == Choice::On);
         let mut by_group = [0.0; 3];
         each(&rendered, |stats, sums, extras| {
             for c in 0..3 {

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 use bismar::film::{Film, Pixels};
 use bismar::rays::Backend;
-use bismar::render::{Balance, RenderSettings, Rendered, StopReason, render};
+use bismar::render::{Balance, RenderSettings, Rendered, StopReason, Technique, render};
 use bismar::scene::Scene;
 
 use crate::helpers::stage::{Stage, hall};
@@ -31,8 +31,8 @@ fn any_number_of_threads_gives_the_same_bits() {
         let stage = Stage::new(hall(), backend);
         for balance in [Balance::Progressive, Balance::SecondOrder, Balance::Power] {
             for (noise, adaptive) in [(Some(0.12), false), (None, true)] {
-                let settings =
-                    RenderSettings { balance, noise, adaptive: adaptive.into(), spp: Some(160), ..settings() };
+                let settings = RenderSettings { balance, noise, spp: Some(160), ..settings() };
+                let settings = settings.with(Technique::Adaptive, adaptive.into());
                 let one = rendered(&stage, &settings, 1);
                 for threads in [2, 7] {
                     let other = rendered(&stage, &settings, threads);
@@ -51,7 +51,8 @@ fn any_number_of_threads_gives_the_same_bits() {
 fn a_crop_has_the_bits_of_the_whole() {
     let stage = Stage::new(hall(), Backend::Embree);
     for (noise, adaptive, spp) in [(None, false, 40), (None, true, 40), (Some(0.12), false, 160)] {
-        let settings = RenderSettings { noise, adaptive: adaptive.into(), spp: Some(spp), ..settings() };
+        let settings =
+            RenderSettings { noise, spp: Some(spp), ..settings() }.with(Technique::Adaptive, adaptive.into());
         let whole = rendered(&stage, &settings, 2);
         for crop in [[0, 0, 1, 1], [13, 9, 34, 33], [49, 36, 50, 37]] {
             let part = rendered(&stage, &RenderSettings { crop: Some(crop), ..settings.clone() }, 2);

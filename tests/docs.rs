@@ -4,6 +4,7 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
+use bismar::render::Technique;
 use serde_json::Value;
 
 use crate::helpers::program::{bismar, program, scene};
@@ -92,5 +93,16 @@ fn every_option_is_a_keyword_of_the_python_package() {
         let mut found: Vec<_> = found.iter().map(|option| option["flag"].as_str().unwrap()).collect();
         found.sort();
         assert_eq!(found, missing, "flags of `bismar {command}`");
+    }
+}
+
+#[test]
+fn the_page_of_statistics_has_every_technique() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/stats.md");
+    let page = fs::read_to_string(path).unwrap();
+    let techniques = page.lines().find(|line| line.starts_with("| `techniques`")).unwrap();
+    for technique in Technique::ALL {
+        assert!(techniques.contains(&format!("`{}`", technique.name())), "{technique:?}");
+        assert!(page.contains(&format!("\n| `{}` |", technique.row().prepass)), "{technique:?}");
     }
 }

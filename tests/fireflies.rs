@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use bismar::integrator::scalar::EventKind;
 use bismar::rays::Backend;
-use bismar::render::{Balance, Fireflies, RenderSettings, Rendered, render, replay};
+use bismar::render::{Balance, Fireflies, RenderSettings, Rendered, Technique, render, replay};
 use bismar::scene::{Environment, Scene};
 use glam::Vec3;
 
@@ -95,9 +95,8 @@ fn replaying_takes_the_passes_that_tiles_took_for_themselves() {
             height: 18,
             noise,
             spp,
-            adaptive: adaptive.into(),
             balance: Balance::Half,
-            ..settings()
+            ..settings().with(Technique::Adaptive, adaptive.into())
         };
         let film = render(&stage.scene, &settings, &AtomicBool::new(false), &|_| ()).unwrap().film();
         for [x, y] in [[0u32, 0], [7, 9], [13, 2], [17, 17]] {

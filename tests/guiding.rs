@@ -9,9 +9,9 @@ use bismar::guiding::{Field, NO_CELL, PathStatistics, TrainingSample, VertexReco
 use bismar::integrator::{PixelSums, PixelTask, Transport, Wave};
 use bismar::lanes::{F, LANES, V3, mask};
 use bismar::rays::Backend;
-use bismar::render::prepass::guiding::{Learned, learned};
+use bismar::render::prepass::guiding::{GuidingLearner, learned};
 use bismar::render::{
-    Balance, Guiding, Part, RenderSettings, Rendered, RunOptions, Saved, StudyOptions, render, run, transport,
+    Balance, Choice, Part, RenderSettings, Rendered, RunOptions, Saved, StudyOptions, Technique, render, run, transport,
 };
 use bismar::sampling::{SplitMix64, warp};
 use bismar::scene::{Material, Scene, build};
@@ -36,8 +36,9 @@ fn cove() -> Arc<Scene> {
     Arc::new(scene)
 }
 
-fn settings(guiding: Guiding) -> RenderSettings {
-    RenderSettings { width: 36, height: 24, spp: Some(8), balance: Balance::Half, guiding, ..RenderSettings::even() }
+fn settings(guiding: Choice) -> RenderSettings {
+    let even = RenderSettings::even().with(Technique::Guiding, guiding);
+    RenderSettings { width: 36, height: 24, spp: Some(8), balance: Balance::Half, ..even }
 }
 
 /// A training sample that light comes from `wi` to a point of the hall's floor.
@@ -172,7 +173,7 @@ fn a_field_of_lies_changes_no_mean() {
         .collect();
     for (scene, name) in [(hall(), "hall"), (glass_hall(), "glass hall"), (cove(), "cove")] {
         let stage = Stage::new(scene, Backend::Obvhs);
-        let settings = RenderSettings { width: 24, height: 16, ..settings(Guiding::Off) };
+        let settings = RenderSettings { width: 24, height: 16, ..settings(Choice::Off) };
         for (i, field) in fields.iter().enumerate() {
             let means = compared(&stage, &settings, field, 40);
             // Fifteen tests of about normal means: a false alarm in 10⁴.
@@ -184,7 +185,7 @@ fn a_field_of_lies_changes_no_mean() {
 #[test]
 fn a_field_that_was_learned_changes_no_mean_and_takes_noise_away() {
     let stage = Stage::new(cove(), Backend::Embree);
-    let settings = settings(Guiding::On);
+    let settings = settings(Choice::On);
     let unguided = transport(&stage.scene, &settings);
     let learned = learned(&stage.scene, &settings, &unguided, &AtomicBool::new(false)).unwrap();
     let means = compared(&stage, &settings, learned.field.as_ref().unwrap(), 60);
@@ -192,7 +193,7 @@ fn a_field_that_was_learned_changes_no_mean_and_takes_noise_away() {
     // Of 60 replicas each, a ratio of variances below 0.75 by chance alone is 1 in 7; that the field takes half is seen.
     let [without, with] = means.map(|mean| mean.standard_error().powi(2));
     assert!(with < 0.75 * without, "{with} {without}");
-    assert!(learned.efficiency.variance < 0.8, "{:?}", learned.efficiency);
+    assert!(learned.stats.variance < Some(0.8), "{:?}", learned.stats);
 }
 
 /// A room behind blinds, whose light comes from a panel beyond them. Slats of this depth, 10 cm apart, begin at these heights
@@ -213,12 +214,12 @@ fn blinds(depth: f32, [outer, inner]: [f32; 2]) -> Arc<Scene> {
 }
 
 /// The estimate for a room, and what `auto` has decided about it.
-fn estimated_and_decided(stage: &Stage) -> (f32, Learned) {
+fn estimated_and_decided(stage: &Stage) -> (f64, GuidingLearner) {
     let settings = |guiding| RenderSettings { width: 320, height: 240, spp: Some(64), ..settings(guiding) };
-    let unguided = transport(&stage.scene, &settings(Guiding::Off));
-    let [estimated, decided] = [Guiding::On, Guiding::Auto]
+    let unguided = transport(&stage.scene, &settings(Choice::Off));
+    let [estimated, decided] = [Choice::On, Choice::Auto]
         .map(|guiding| learned(&stage.scene, &settings(guiding), &unguided, &AtomicBool::new(false)).unwrap());
-    (estimated.efficiency.remaining(), decided)
+    (estimated.stats.remaining.unwrap(), decided)
 }
 
 #[test]
@@ -226,10 +227,10 @@ fn a_room_behind_blinds_is_guided() {
     let stage = Stage::new(blinds(0.1, [-0.02, 0.12]), Backend::Embree);
     let (estimated, learned) = estimated_and_decided(&stage);
     assert!(estimated > 0.25, "{estimated}: nothing was in doubt");
-    let means = compared(&stage, &settings(Guiding::Off), learned.field.as_ref().expect("a field"), 240);
+    let means = compared(&stage, &settings(Choice::Off), learned.field.as_ref().expect("a field"), 240);
     assert!(z(&means).abs() < 4.5, "{} {}", means[0].mean, means[1].mean);
     let [without, with] = means.map(|mean| mean.standard_error().powi(2));
-    assert!(with < 0.75 * without, "{with} {without} {:?}", learned.efficiency);
+    assert!(with < 0.75 * without, "{with} {without} {:?}", learned.stats);
 }
 
 /// The estimate takes paths for independent. Here stratified ones have as little error without a field (pictures of 320 x 240
@@ -237,7 +238,7 @@ fn a_room_behind_blinds_is_guided() {
 #[test]
 fn a_room_that_only_the_estimate_would_guide_is_not() {
     let (estimated, learned) = estimated_and_decided(&Stage::new(blinds(0.03, [0.012, 0.088]), Backend::Embree));
-    assert!(estimated < 0.5 && learned.field.is_none(), "{estimated} {:?}", learned.efficiency);
+    assert!(estimated < 0.5 && learned.field.is_none(), "{estimated} {:?}", learned.stats);
 }
 
 /// A room with twelve bulbs, each in an opaque shade that is open below: every surface sees few of them.
@@ -264,17 +265,17 @@ fn pendants() -> Arc<Scene> {
 #[test]
 fn rounds_learn_what_those_before_them_found_useless() {
     let stage = Stage::new(pendants(), Backend::Embree);
-    let automatic = RenderSettings { width: 320, height: 240, spp: Some(64), ..settings(Guiding::Auto) };
+    let automatic = RenderSettings { width: 320, height: 240, spp: Some(64), ..settings(Choice::Auto) };
     let left = |seed: u32| {
         let automatic = RenderSettings { seed, ..automatic.clone() };
         let unguided = transport(&stage.scene, &automatic);
         let learned = learned(&stage.scene, &automatic, &unguided, &AtomicBool::new(false)).unwrap();
-        assert!(learned.field.is_some(), "seed {seed}: {:?}", learned.efficiency);
-        learned.efficiency.remaining()
+        assert!(learned.field.is_some(), "seed {seed}: {:?}", learned.stats);
+        learned.stats.remaining.unwrap()
     };
     // With the probabilities that early rounds find best, many cells would learn nothing more.
     let left: Vec<_> = (0..3).map(left).collect();
-    assert!(left.iter().sum::<f32>() < 3.0 * 0.45, "{left:?}");
+    assert!(left.iter().sum::<f64>() < 3.0 * 0.45, "{left:?}");
 }
 
 #[test]
@@ -284,10 +285,10 @@ fn nothing_is_learned_where_nothing_shines() {
     add(&mut scene, vec![[0.0; 3], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0]], vec![[0, 1, 2]], area_light(1e-30));
     look(&mut scene, Vec3::new(0.0, 1.0, 3.0), Vec3::ZERO, 0.8);
     let stage = Stage::new(Arc::new(scene), Backend::Obvhs);
-    assert!(stage.green(&settings(Guiding::On)).iter().all(|g| g.is_finite() && *g < 1e-20));
-    let automatic = RenderSettings { spp: Some(16), ..settings(Guiding::Auto) };
+    assert!(stage.green(&settings(Choice::On)).iter().all(|g| g.is_finite() && *g < 1e-20));
+    let automatic = RenderSettings { spp: Some(16), ..settings(Choice::Auto) };
     let rendered = render(&stage.scene, &automatic, &AtomicBool::new(false), &|_| ()).unwrap();
-    assert!(!rendered.stats.techniques.guiding.unwrap().on);
+    assert!(!rendered.stats.techniques[Technique::Guiding].unwrap().on);
 }
 
 fn on_threads(stage: &Stage, settings: &RenderSettings, threads: usize) -> Rendered {
@@ -298,7 +299,7 @@ fn on_threads(stage: &Stage, settings: &RenderSettings, threads: usize) -> Rende
 #[test]
 fn a_guided_picture_has_the_same_bits_on_any_threads_in_any_window_and_part() {
     let stage = Stage::new(cove(), Backend::Embree);
-    let settings = settings(Guiding::On);
+    let settings = settings(Choice::On);
     let sums = |rendered: &Rendered| {
         let film = rendered.film();
         let [x0, y0, x1, _] = film.window;
@@ -306,7 +307,7 @@ fn a_guided_picture_has_the_same_bits_on_any_threads_in_any_window_and_part() {
         film.pixels.iter().enumerate().map(|(i, p)| (place(i), p.sum)).collect::<Vec<_>>()
     };
     let one = on_threads(&stage, &settings, 1);
-    assert!(one.stats.techniques.guiding.unwrap().on);
+    assert!(one.stats.techniques[Technique::Guiding].unwrap().on);
     assert_eq!(sums(&one), sums(&on_threads(&stage, &settings, 3)));
     let whole = sums(&one);
     let crop = RenderSettings { crop: Some([17, 3, 33, 20]), ..settings.clone() };
@@ -319,14 +320,14 @@ fn a_guided_picture_has_the_same_bits_on_any_threads_in_any_window_and_part() {
         let same = one.tiles.iter().find(|other| other.grid_position() == tile.grid_position()).unwrap();
         assert!((0..tile.pixels()).all(|i| tile.at(i).0.sum == same.at(i).0.sum));
     }
-    let unguided = RenderSettings { guiding: Guiding::Off, ..settings };
+    let unguided = settings.with(Technique::Guiding, Choice::Off);
     assert_ne!(whole, sums(&on_threads(&stage, &unguided, 2)));
 }
 
 #[test]
 fn a_guided_picture_that_is_gone_on_with_has_the_bits_of_one_in_one_go() {
     let stage = Stage::new(cove(), Backend::Embree);
-    let longer = RenderSettings { spp: Some(32), ..settings(Guiding::On) };
+    let longer = RenderSettings { spp: Some(32), ..settings(Choice::On) };
     let stop = AtomicBool::new(false);
     let study = StudyOptions { max_passes: Some(1), ..Default::default() };
     let options = RunOptions { study, ..RunOptions::new(&stop, &|_| ()) };
@@ -344,7 +345,7 @@ fn a_guided_picture_that_is_gone_on_with_has_the_bits_of_one_in_one_go() {
 fn a_field_is_no_larger_than_it_may_be() {
     let stage = Stage::new(hall(), Backend::Embree);
     for memory in [1 << 14, 1 << 19, 1 << 24] {
-        let settings = RenderSettings { guiding_memory: Some(memory), ..settings(Guiding::On) };
+        let settings = RenderSettings { guiding_memory: Some(memory), ..settings(Choice::On) };
         let unguided = transport(&stage.scene, &settings);
         let learned = learned(&stage.scene, &settings, &unguided, &AtomicBool::new(false)).unwrap();
         let bytes = learned.field.map_or(0, |field| field.bytes());

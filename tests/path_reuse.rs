@@ -6,7 +6,7 @@ use std::sync::atomic::AtomicBool;
 use bismar::film::Pixels;
 use bismar::integrator::Reuse;
 use bismar::rays::Backend;
-use bismar::render::{Balance, Choice, RenderSettings, render};
+use bismar::render::{Balance, Choice, RenderSettings, Technique, render};
 use bismar::scene::{Environment, Material, PunctualKind, PunctualLight, Scene};
 use glam::Vec3;
 
@@ -71,7 +71,8 @@ fn pixels_that_share_paths_have_the_mean_of_those_that_do_not() {
         for (number, mode) in (1..).zip(modes) {
             let balance = if number % 2 == 0 { Balance::Half } else { Balance::Progressive };
             let guiding = if mode == "16" { Choice::On } else { Choice::Off };
-            let of = RenderSettings { path_reuse: reuse(mode), seed: 1000 * number, balance, guiding, ..settings() };
+            let guided = settings().with(Technique::Guiding, guiding);
+            let of = RenderSettings { path_reuse: reuse(mode), seed: 1000 * number, balance, ..guided };
             let mean = stage.mean_green(&of, REPLICAS);
             let error = mean.standard_error().hypot(reference.standard_error());
             let z = (mean.mean - reference.mean) / error;

@@ -15,7 +15,7 @@ use bismar::rays::Backend;
 use bismar::render::checkpoint::{fits, pack, unpack};
 use bismar::render::{
     Balance, Choice, CustomMethod, Part, Pause, RenderSettings, RenderStats, Rendered, RunOptions, Saved, StopReason,
-    render, run,
+    Technique, render, run,
 };
 
 use crate::helpers::program::{self, assert_same_bits, bismar, bits, expect, names, paths, scene};
@@ -71,12 +71,11 @@ fn interruptions_anywhere_leave_no_trace() {
             height: 37,
             spp: Some(if noise.is_some() { 200 } else { 40 }),
             noise,
-            adaptive: adaptive.into(),
             aovs: true,
             balance,
             crop,
             part,
-            ..RenderSettings::even()
+            ..RenderSettings::even().with(Technique::Adaptive, adaptive.into())
         };
         let whole = render(&stage.scene, &settings, &AtomicBool::new(false), &|_| ()).unwrap();
         let (pieces, sessions) = in_pieces(&stage, &settings, 2);
@@ -119,13 +118,13 @@ impl Method for Mine {
 fn a_method_of_another_crate_is_rendered_with_guiding_and_interrupted_as_ours_are() {
     let stage = Stage::new(hall(), Backend::Embree);
     let of = |balance| {
-        let guiding = Choice::On;
-        RenderSettings { width: 50, height: 37, spp: Some(24), balance, guiding, aovs: true, ..RenderSettings::even() }
+        let guided = RenderSettings::even().with(Technique::Guiding, Choice::On);
+        RenderSettings { width: 50, height: 37, spp: Some(24), balance, aovs: true, ..guided }
     };
     let (mine, kl) = (of(Balance::Custom(CustomMethod(&Mine))), of(Balance::Kl));
     let whole = render(&stage.scene, &kl, &AtomicBool::new(false), &|_| ()).unwrap();
     let (pieces, sessions) = in_pieces(&stage, &mine, 3);
-    assert!(sessions > 1 && whole.stats.techniques.guiding.unwrap().on);
+    assert!(sessions > 1 && whole.stats.techniques[Technique::Guiding].unwrap().on);
     assert!(all_bits(&whole) == all_bits(&pieces));
     // What it does is not known from its name.
     let name = serde_json::to_value(mine.balance).unwrap();

@@ -11,7 +11,7 @@ use bismar::integrator::{EmissionRayCounts, PixelSums, PixelTask, Proposal, Tran
 use bismar::light::{LearnedLights, LightProposal, LightSampleRecord};
 use bismar::rays::Backend;
 use bismar::render::prepass::guiding::learned;
-use bismar::render::{GlassShadows, Guiding, RenderSettings, transport};
+use bismar::render::{Choice, GlassShadows, RenderSettings, Technique, transport};
 use bismar::scene::{PunctualKind, Scene};
 use glam::Vec3;
 
@@ -46,31 +46,32 @@ fn each_path_of_a_wave_is_the_scalar_path() {
     // Sums of the same terms in another order differ by ROUNDINGS of the largest term; paths have at most 100 terms here.
     const ROUNDINGS: f32 = 100.0 * f32::EPSILON;
     for (scene, backend, balance, max_depth, least_lit, guiding, learns, glass_shadows) in [
-        (hall(), Backend::Obvhs, Balance::Half, 2, 6000, Guiding::Off, false, Straight),
-        (hall(), Backend::Obvhs, Balance::Power, 8, 6000, Guiding::Off, false, Straight),
-        (hall(), Backend::Obvhs, Balance::Max, 5, 6000, Guiding::Off, false, Straight),
-        (hall(), Backend::Embree, Balance::Half, 8, 6000, Guiding::Off, false, Straight),
-        (hall(), Backend::Obvhs, Balance::Progressive, 8, 6000, Guiding::Off, false, Straight),
-        (glass_hall(), Backend::Obvhs, Balance::Half, 12, 4000, Guiding::Off, false, Straight),
-        (glass_hall(), Backend::Obvhs, Balance::Power, 3, 4000, Guiding::Off, false, Straight),
-        (hall(), Backend::Obvhs, Balance::Half, 8, 6000, Guiding::On, false, Straight),
-        (glass_hall(), Backend::Obvhs, Balance::Power, 12, 4000, Guiding::On, false, Straight),
-        (moving_hall(), Backend::Embree, Balance::Half, 8, 6000, Guiding::Off, false, Straight),
-        (moving_hall(), Backend::Embree, Balance::Power, 3, 6000, Guiding::Off, false, Straight),
-        (moving_hall(), Backend::Embree, Balance::Half, 8, 6000, Guiding::On, false, Straight),
-        (glass_hall(), Backend::Obvhs, Balance::Half, 6, 4000, Guiding::Off, true, Straight),
-        (sized(hall()), Backend::Obvhs, Balance::Half, 8, 6000, Guiding::Off, false, Straight),
-        (sized(glass_hall()), Backend::Obvhs, Balance::Max, 12, 4000, Guiding::On, false, Straight),
-        (sized(glass_hall()), Backend::Obvhs, Balance::Half, 6, 4000, Guiding::Off, true, Straight),
-        (sized(globe_hall()), Backend::Obvhs, Balance::Power, 8, 4000, Guiding::Off, false, Straight),
-        (sized(globe_hall()), Backend::Obvhs, Balance::Power, 8, 4000, Guiding::On, false, GlassShadows::Off),
-        (sized(moving_hall()), Backend::Embree, Balance::Half, 8, 6000, Guiding::Off, false, Straight),
-        (globe_hall(), Backend::Obvhs, Balance::Half, 12, 4000, Guiding::Off, false, Straight),
-        (globe_hall(), Backend::Obvhs, Balance::Power, 3, 4000, Guiding::Off, false, Straight),
-        (globe_hall(), Backend::Obvhs, Balance::Power, 8, 4000, Guiding::On, false, Straight),
+        (hall(), Backend::Obvhs, Balance::Half, 2, 6000, Choice::Off, false, Straight),
+        (hall(), Backend::Obvhs, Balance::Power, 8, 6000, Choice::Off, false, Straight),
+        (hall(), Backend::Obvhs, Balance::Max, 5, 6000, Choice::Off, false, Straight),
+        (hall(), Backend::Embree, Balance::Half, 8, 6000, Choice::Off, false, Straight),
+        (hall(), Backend::Obvhs, Balance::Progressive, 8, 6000, Choice::Off, false, Straight),
+        (glass_hall(), Backend::Obvhs, Balance::Half, 12, 4000, Choice::Off, false, Straight),
+        (glass_hall(), Backend::Obvhs, Balance::Power, 3, 4000, Choice::Off, false, Straight),
+        (hall(), Backend::Obvhs, Balance::Half, 8, 6000, Choice::On, false, Straight),
+        (glass_hall(), Backend::Obvhs, Balance::Power, 12, 4000, Choice::On, false, Straight),
+        (moving_hall(), Backend::Embree, Balance::Half, 8, 6000, Choice::Off, false, Straight),
+        (moving_hall(), Backend::Embree, Balance::Power, 3, 6000, Choice::Off, false, Straight),
+        (moving_hall(), Backend::Embree, Balance::Half, 8, 6000, Choice::On, false, Straight),
+        (glass_hall(), Backend::Obvhs, Balance::Half, 6, 4000, Choice::Off, true, Straight),
+        (sized(hall()), Backend::Obvhs, Balance::Half, 8, 6000, Choice::Off, false, Straight),
+        (sized(glass_hall()), Backend::Obvhs, Balance::Max, 12, 4000, Choice::On, false, Straight),
+        (sized(glass_hall()), Backend::Obvhs, Balance::Half, 6, 4000, Choice::Off, true, Straight),
+        (sized(globe_hall()), Backend::Obvhs, Balance::Power, 8, 4000, Choice::Off, false, Straight),
+        (sized(globe_hall()), Backend::Obvhs, Balance::Power, 8, 4000, Choice::On, false, GlassShadows::Off),
+        (sized(moving_hall()), Backend::Embree, Balance::Half, 8, 6000, Choice::Off, false, Straight),
+        (globe_hall(), Backend::Obvhs, Balance::Half, 12, 4000, Choice::Off, false, Straight),
+        (globe_hall(), Backend::Obvhs, Balance::Power, 3, 4000, Choice::Off, false, Straight),
+        (globe_hall(), Backend::Obvhs, Balance::Power, 8, 4000, Choice::On, false, Straight),
     ] {
         let stage = Stage::new(scene, backend);
-        let settings = RenderSettings { width: 20, height: 15, balance, max_depth, guiding, ..RenderSettings::even() };
+        let even = RenderSettings::even().with(Technique::Guiding, guiding);
+        let settings = RenderSettings { width: 20, height: 15, balance, max_depth, ..even };
         // Without effect where there are no bodies of smooth glass.
         let settings = RenderSettings { glass_shadows, ..settings };
         let limit = |most| Some(most).filter(|_| balance == Balance::Max);
@@ -78,7 +79,7 @@ fn each_path_of_a_wave_is_the_scalar_path() {
         let unguided = transport(&stage.scene, &settings);
         let learned = learned(&stage.scene, &settings, &unguided, &AtomicBool::new(false));
         let field = learned.as_ref().and_then(|learned| learned.field.as_ref());
-        assert_eq!(field.is_some(), guiding == Guiding::On);
+        assert_eq!(field.is_some(), guiding == Choice::On);
         // A third of the area lights contribute nothing anywhere.
         let light_samples = || -> Vec<_> {
             let light_sample_record = |i: u32| {
@@ -144,7 +145,7 @@ fn each_path_of_a_wave_is_the_scalar_path() {
         // Rounding may move a point on a cell boundary to the neighbouring cell: as few.
         // Smooth bodies magnify the rounding of points over many bounces: as few.
         let smooth = stage.scene.materials.has_smooth_bodies;
-        let rounds = backend == Backend::Embree || guiding == Guiding::On || learns || smooth;
+        let rounds = backend == Backend::Embree || guiding == Choice::On || learns || smooth;
         let allowed = if rounds { 7 } else { 0 };
         assert!(
             differing <= allowed,

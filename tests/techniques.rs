@@ -47,7 +47,7 @@ fn the_plain_command_is_the_one_with_its_decisions_as_flags() {
         for name in ["compensation", "learned_lights", "guiding", "adaptive"] {
             let Value::String(why) = &techniques[name]["why"] else { panic!("{techniques}") };
             assert!(
-                said.lines().any(|line| line.contains("adaptive sampling") && line.contains(why.as_str())),
+                said.lines().any(|line| line.contains("learned lights o") && line.contains(why.as_str())),
                 "{said}"
             );
             if techniques[name]["on"] == true {

@@ -9,7 +9,7 @@ use bismar::bsdf::{Bsdf, Lobe, Parameters, Surface};
 use bismar::lanes::{F, LANES, V3};
 use bismar::rays::Backend;
 use bismar::render::checkpoint::pack;
-use bismar::render::{Balance, Guiding, Integrator, RenderSettings, render};
+use bismar::render::{Balance, Choice, Integrator, RenderSettings, Technique, render};
 use bismar::scene::{
     Encoding, Environment, Filter, Image, Material, Mesh, PunctualKind, PunctualLight, Scene, Texels, Texture,
     TextureRef, TextureSlot, Wrap, build,
@@ -288,9 +288,9 @@ fn a_room_behind_panes_is_no_noisier_than_one_without() {
     let settings = RenderSettings { width: 24, height: 18, spp: Some(32), max_depth: 8, ..RenderSettings::even() };
     for (name, light) in LIGHTS {
         for (backend, guiding) in
-            [(Backend::Embree, Guiding::Off), (Backend::Obvhs, Guiding::Off), (Backend::Embree, Guiding::On)]
+            [(Backend::Embree, Choice::Off), (Backend::Obvhs, Choice::Off), (Backend::Embree, Choice::On)]
         {
-            let settings = RenderSettings { guiding, ..settings.clone() };
+            let settings = settings.clone().with(Technique::Guiding, guiding);
             let [open, one, two] = [0, 1, 2].map(|n| relative_variance(&room(n, light), backend, &settings, 12));
             for (panes, (mean, error, variance)) in [(1, one), (2, two)] {
                 let (left, ratio) = (mean / open.0, variance / open.2);

@@ -97,20 +97,20 @@ export interface RenderFlags {
   noise?: number | string | undefined;
   /** Paths per pixel before --noise may stop a tile [default: 32] */
   min_spp?: number | string | undefined;
-  /** Adaptive sampling: a pre-pass estimates the noise of each tile of 16 x 16 pixels, and noisy tiles get more paths; --spp is the mean (docs/adaptive.md). Without effect with --noise [default: auto with --balance progressive, else off; --adaptive alone: on] */
+  /** Compensated environment density: draw light samples of the environment by its radiance above the mean (docs/balance.md) [default: auto with --balance progressive, else off] */
+  compensation?: "off" | "on" | "auto" | boolean | undefined;
+  /** Learned light selection: choose among emissive triangles by what a pre-pass has learned (docs/balance.md) [default: auto with --balance progressive, else off] */
+  learned_lights?: "off" | "on" | "auto" | boolean | undefined;
+  /** Path guiding: sample directions from the light field that a pre-pass has learned (docs/guiding.md). It helps where light reaches the visible surfaces through few paths [default: auto with --balance progressive, else off] */
+  guiding?: "off" | "on" | "auto" | boolean | undefined;
+  /** Adaptive sampling: a pre-pass estimates the noise of each tile of 16 x 16 pixels, and noisy tiles get more paths; the number of paths is their mean (docs/adaptive.md). Without effect with a goal of noise [default: auto with --balance progressive, else off; --adaptive alone: on] */
   adaptive?: "off" | "on" | "auto" | boolean | undefined;
   /** Method that sets the share of light samples and BSDF samples in multiple importance sampling (docs/balance.md) */
   balance?: "progressive" | "second-order" | "kl" | "efficiency-aware" | "half" | "power" | "max" | undefined;
   /** For --balance second-order: the pilot's share of all paths, between 0 and 1 [default: 0.5] */
   pilot?: number | string | undefined;
-  /** Path guiding: sample directions from the light field that a pre-pass has learned (docs/guiding.md). It helps where light reaches the visible surfaces through few paths [default: auto with --balance progressive, else off] */
-  guiding?: "off" | "on" | "auto" | boolean | undefined;
   /** Memory limit of the guiding field, such as 256M or 1G [default: 256M] */
   guiding_memory?: number | string | undefined;
-  /** Learned light selection: choose among emissive triangles by what a pre-pass has learned (docs/balance.md). auto concerns --balance progressive */
-  learned_lights?: "off" | "on" | "auto" | boolean | undefined;
-  /** Compensated environment density: draw light samples of the environment by its radiance above the mean (docs/balance.md). auto concerns --balance progressive */
-  compensation?: "off" | "on" | "auto" | boolean | undefined;
   /** Clamp direct light: largest radiance, in the brightest channel, of one contribution at the first surface. Removes fireflies, but the picture becomes darker than the truth [default: no limit] */
   clamp_direct?: number | string | undefined;
   /** Clamp indirect light: largest radiance, in the brightest channel, of one contribution found after the first surface [default: no limit] */

@@ -9,20 +9,25 @@ use serde_json::Value;
 use super::request::RenderRequest;
 use crate::Result;
 use crate::film::exr_file::Header;
+use crate::render::Technique;
 use crate::render::checkpoint::{json, text};
 
 /// The header attribute.
 pub const ATTRIBUTE: &str = "bismar.command";
 /// What decides what is in a picture. Nothing else is written into a header, or read from one: it may be of somebody else.
 #[rustfmt::skip]
-const OF_THE_PICTURE: [&str; 55] = [
-    "adaptive", "animation", "aov", "aperture", "back-faces", "balance", "camera", "clamp-direct", "clamp-indirect",
-    "colorspace", "compensation", "crop", "denoise", "energy-compensation", "env-rotate", "env-strength", "filter",
-    "focus", "fps", "frame", "glass-shadows", "ground", "guiding", "guiding-memory", "half", "integrator",
-    "learned-lights", "lens-blades", "light-radius", "light-unit", "max-depth", "min-spp", "motion-steps", "no-clip",
-    "no-env", "noise", "orbit", "path-reuse", "pilot", "placed", "pose", "preset", "rays", "scene-name", "seed",
-    "seed-per-frame", "shutter", "size", "sky", "spp", "sun-angle", "sunsky", "time", "transparent", "variant",
+const OF_THE_PICTURE: [&str; 51] = [
+    "animation", "aov", "aperture", "back-faces", "balance", "camera", "clamp-direct", "clamp-indirect", "colorspace",
+    "crop", "denoise", "energy-compensation", "env-rotate", "env-strength", "filter", "focus", "fps", "frame",
+    "glass-shadows", "ground", "guiding-memory", "half", "integrator", "lens-blades", "light-radius", "light-unit",
+    "max-depth", "min-spp", "motion-steps", "no-clip", "no-env", "noise", "orbit", "path-reuse", "pilot", "placed",
+    "pose", "preset", "rays", "scene-name", "seed", "seed-per-frame", "shutter", "size", "sky", "spp", "sun-angle",
+    "sunsky", "time", "transparent", "variant",
 ];
+
+fn is_of_the_picture(flag: &str) -> bool {
+    OF_THE_PICTURE.contains(&flag) || Technique::of_flag(flag).is_some()
+}
 
 /// How a picture was made: a scene, an environment map, and the fields that decide what is in the picture.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -43,7 +48,7 @@ pub struct PictureCommand {
 impl PictureCommand {
     /// The command of these arguments; `None` if their flags are not known, or paths are not UTF-8.
     fn of(request: &RenderRequest) -> Option<Self> {
-        let given = request.given.as_ref()?.iter().filter(|(name, _)| OF_THE_PICTURE.contains(&name.as_str()));
+        let given = request.given.as_ref()?.iter().filter(|(name, _)| is_of_the_picture(name));
         let value = |text: &String| match text.parse::<serde_json::Number>() {
             Ok(number) if number.to_string() == *text => Value::Number(number),
             _ => Value::String(text.clone()),
@@ -90,7 +95,7 @@ impl PictureCommand {
         let all: Vec<_> = fields.chain(self.flags.iter().cloned()).collect();
         match all.iter().find(|(name, _)| !is_known(name)) {
             Some((name, _)) => Err(name.clone()),
-            None => Ok(all.into_iter().filter(|(name, _)| OF_THE_PICTURE.contains(&name.as_str())).collect()),
+            None => Ok(all.into_iter().filter(|(name, _)| is_of_the_picture(name)).collect()),
         }
     }
 }

@@ -5,9 +5,9 @@ use std::env;
 use crate::console::host;
 use crate::console::memory::{allowed, hold_to};
 use crate::rays::Backend;
-use crate::render::RenderSettings;
 use crate::render::settings::GUIDING_MEMORY;
 use crate::render::tile::Tile;
+use crate::render::{RenderSettings, Technique};
 use crate::scene::import::{EnvironmentSize, Survey};
 use crate::{Error, Result};
 
@@ -96,8 +96,11 @@ impl Need<'_> {
             false => 0,
         };
         let [guiding, lights] = LEARNING_BYTES;
-        let learning =
-            if settings.guides() { settings.guiding_memory.unwrap_or(GUIDING_MEMORY).min(guiding) } else { lights };
+        let learning = if settings.asks_for(Technique::Guiding) {
+            settings.guiding_memory.unwrap_or(GUIDING_MEMORY).min(guiding)
+        } else {
+            lights
+        };
         Self::of_scene(self.scene, self.rays, self.threads)
             + self.environment.map_or(0, EnvironmentSize::bytes)
             + tiles

@@ -11,7 +11,7 @@ use crate::film::atomic;
 use crate::film::exr_file::{Header, HeaderValue};
 use crate::rays::BackendInfo;
 use crate::render::checkpoint::{json, text};
-use crate::render::{Choice, Decisions, Fireflies, RenderSettings, Rendered, Samples, StopReason, TechniqueStats};
+use crate::render::{Decisions, Fireflies, Found, RenderSettings, Rendered, Samples, StopReason};
 use crate::scene::Scene;
 use crate::{Error, Result};
 
@@ -44,7 +44,7 @@ pub struct Stats {
     techniques: Decisions,
     /// What the pre-passes found.
     #[serde(flatten)]
-    prepasses: TechniqueStats,
+    prepasses: Found,
     fireflies: Fireflies,
     not_finite: NotFinite,
     /// Wall seconds by phase.
@@ -190,7 +190,7 @@ impl Stats {
             noise: stats.noise,
             noise_worst_tile: rendered.worst_noise(),
             samples: Samples::of(rendered),
-            techniques: Decisions::new(settings, &stats.techniques),
+            techniques: Decisions::of(settings, &stats.techniques),
             prepasses: stats.techniques,
             fireflies: Fireflies::of(rendered),
             not_finite: NotFinite { count: stats.not_finite, first: stats.first_not_finite },
@@ -251,23 +251,18 @@ impl Stats {
         let s = &self.samples;
         let spp = if s.pixel_min == s.pixel_max { s.pixel_min.to_string() } else { format!("{:.1}", s.pixel_mean) };
         let replay = |x, y, path| {
-            let RenderSettings { spp, noise, min_spp, seed, balance, adaptive, guiding, .. } = self.settings;
-            // What a command without these flags does.
-            let usual = if balance.method().uses_prepasses() { Choice::Auto } else { Choice::Off };
-            let adaptive = match adaptive {
-                adaptive if adaptive == usual || spp.is_none() => String::new(),
-                Choice::On => "--adaptive ".into(),
-                other => format!("--adaptive={} ", other.name()),
-            };
-            let guided = Some(guiding.name()).filter(|_| guiding != usual);
+            let RenderSettings { spp, noise, min_spp, seed, balance, techniques, .. } = &self.settings;
+            let uses_prepasses = balance.method().uses_prepasses();
+            let unusual = techniques.iter().filter(|(technique, choice)| **choice != technique.usual(uses_prepasses));
+            let unusual: String =
+                unusual.map(|(technique, choice)| format!("--{}={} ", technique.row().flag, choice.name())).collect();
             let spp = spp.or(Some(s.pixel_max).filter(|_| noise.is_none()));
             let flag =
                 |name: &str, value: Option<String>| value.map(|value| format!("--{name} {value} ")).unwrap_or_default();
             let stop = flag("spp", spp.map(|n| n.to_string()))
                 + &flag("noise", noise.map(|x| x.to_string()))
                 + &flag("min-spp", min_spp.map(|n| n.to_string()))
-                + &adaptive
-                + &flag("guiding", guided.map(str::to_owned));
+                + &unusual;
             format!("{stop}--seed {seed} --replay-pixel {x},{y},{path}")
         };
         let mut remarks = String::new();

@@ -6,7 +6,6 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::build_info::BuildInfo;
-use super::choice::Choice;
 use super::goals;
 use super::goals::Goal;
 use super::identity::Identity;
@@ -17,7 +16,7 @@ use super::rendered::{Rendered, Samples, paths_range, tile_positions};
 use super::scheduler;
 use super::settings::RenderSettings;
 use super::stats::{RenderStats, StopReason};
-use super::techniques::TechniqueStats;
+use super::techniques::{Choice, Technique};
 use super::tile::{TILE, Tile};
 use crate::color::ColorSpace;
 use crate::film::exr_file::{self, Checksum, Header, HeaderValue, Layers};
@@ -37,10 +36,12 @@ pub struct Saved {
 }
 
 impl Saved {
-    /// Does what it has learned depend on the goal? A guiding field does, and what was learned about lights from the same rounds.
+    /// Does what it has learned depend on the goal? A guiding field does, and what was learned from the same rounds.
     pub fn learns_by_goal(&self, settings: &RenderSettings) -> bool {
-        let TechniqueStats { learned_lights, guiding, .. } = self.stats.techniques;
-        learned_lights.is_some() && settings.guiding != Choice::Off || guiding.is_some_and(|guiding| guiding.on)
+        let guiding = Technique::Guiding;
+        let mut learned = self.stats.techniques.iter().filter(|(technique, _)| technique.row().learns);
+        settings.techniques[guiding] != Choice::Off
+            && learned.any(|(technique, stats)| stats.is_some_and(|stats| stats.on || technique != guiding))
     }
 
     /// Are its passes those that a render of these settings begins with? Then the resumed render has the bits of an
@@ -62,7 +63,7 @@ impl Saved {
                 }
             }),
             // Tiles have their own goals.
-            None if self.stats.techniques.adaptive.is_some() => true,
+            None if self.stats.techniques[Technique::Adaptive].is_some() => true,
             None => scheduler::begins_as(settings, done, ahead, self.stats.passes),
         }
     }
@@ -166,7 +167,7 @@ impl Record {
     /// Paths per pixel of a finished render: the minimum of a tile, or the mean where tiles have their own goals.
     pub fn spp(&self) -> u32 {
         let settings = &self.identity.settings;
-        let mean = settings.spp.filter(|_| settings.allocates() && self.stop == StopReason::Samples);
+        let mean = settings.spp.filter(|_| settings.asks_for(Technique::Adaptive) && self.stop == StopReason::Samples);
         mean.unwrap_or(self.paths)
     }
 

@@ -7,13 +7,14 @@ use rayon::prelude::*;
 use tracing::{debug, info, warn};
 
 use super::camera::lens;
+use super::decisions::Decisions;
 use super::goals;
 use super::prepass::Prepasses;
 use super::prepass::allocation::Allocation;
 use super::progress::{PassProgress, Progress};
 use super::rendered::{Rendered, noise, paths_range, study_tiles};
 use super::scheduler::{self, Next, State};
-use super::techniques::{AdaptiveStats, Decisions, TechniqueStats};
+use super::techniques::Technique;
 use super::tile::{Tile, TileWork};
 use super::transport::{pass_seed, transport};
 use super::{RenderSettings, RenderStats, Saved, StopReason, StudyOptions};
@@ -130,9 +131,6 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
     let unfinished = scheduler::planned(settings, fewest).is_some();
     let prepasses = if unfinished { Prepasses::run(scene, settings, stop) } else { Prepasses::default() };
     let transport = prepasses.apply(transport(scene, settings));
-    let allocation_start = Instant::now();
-    let allocation = if unfinished { Allocation::new(&transport, settings, stop) } else { None };
-    let emission_rays = allocation.as_ref().and_then(Allocation::emission_rays);
     let possible = reuse::is_possible(&transport);
     if settings.path_reuse.is_some() && !possible {
         warn!(
@@ -140,26 +138,19 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
         );
     }
     let reuse = settings.path_reuse.filter(|_| possible);
-    let transport = Transport { proposal: Proposal { emission_rays, reuse, ..transport.proposal }, ..transport };
-    let allocation_seconds = allocation_start.elapsed().as_secs_f64();
-    let adaptive =
-        allocation.as_ref().map(|a| AdaptiveStats { efficiency: a.efficiency(), seconds: allocation_seconds });
+    let transport = Transport { proposal: Proposal { reuse, ..transport.proposal }, ..transport };
     // Made after the pre-passes, so that the memory of both is not taken at once.
     let fresh = || Saved { tiles: study_tiles(settings, &study), stats: RenderStats::default(), goals: Vec::new() };
     let Saved { tiles, stats, mut goals } = from.unwrap_or_else(fresh);
     if unfinished {
         goals::add(&mut goals, settings, most);
     }
-    let guided_before = stats.techniques.guiding;
-    let stats = RenderStats {
-        noise: f64::INFINITY,
-        techniques: TechniqueStats { adaptive, ..prepasses.stats() }.or(stats.techniques),
-        ..stats
-    };
+    let before = stats.techniques;
+    let stats = RenderStats { noise: f64::INFINITY, techniques: prepasses.stats().or(&before), ..stats };
     if unfinished {
-        info!("{}", Decisions::new(settings, &stats.techniques));
+        info!("{}", Decisions::of(settings, &stats.techniques));
     }
-    let [on, was_on] = [stats.techniques.guiding, guided_before].map(|guiding| guiding.map(|guiding| guiding.on));
+    let [on, was_on] = [stats.techniques, before].map(|found| found[Technique::Guiding].map(|guiding| guiding.on));
     if was_on == Some(false) && on == Some(true) {
         warn!(
             "paths are guided from here on: the picture is unbiased, but not bit-identical to an uninterrupted render"
@@ -168,7 +159,7 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
     let (stop_reason, background) = (StopReason::Interrupted, background(&scene.scene, settings));
     let mut rendered = Rendered { settings: settings.clone(), tiles, stats, goals, stop: stop_reason, background };
     let clock = Clock { began, start, seconds: stats.seconds, render_seconds: stats.render_seconds };
-    let allocation = allocation.as_ref();
+    let allocation = prepasses.allocation.as_ref();
     let driver = Driver { settings, transport, allocation, max_passes: study.max_passes, stop, progress, clock };
     let mut timers: Vec<_> = pauses.into_iter().map(PauseTimer::new).collect();
     // What a pre-pass that was stopped has found means nothing.

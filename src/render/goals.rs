@@ -3,7 +3,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::prepass::allocation::{self, Allocation};
+use super::prepass::allocation::Allocation;
+use super::techniques::Technique;
 use super::{RenderSettings, scheduler};
 
 /// A goal of a render, from a number of paths on.
@@ -57,7 +58,7 @@ pub fn learned_alike(shorter: &RenderSettings, settings: &RenderSettings, by_goa
 /// depends on the goal (`by_goal`) or not. Passes of goals with a time limit are not known. True without goals: older files
 /// record none.
 pub fn are_as_one(goals: &[Goal], settings: &RenderSettings, by_goal: bool) -> bool {
-    let allocated = allocation::is_made(settings);
+    let allocated = settings.asks_for(Technique::Adaptive);
     let untils = goals.iter().skip(1).map(|next| Some(next.from)).chain([None]);
     goals.iter().zip(untils).all(|(goal, until)| {
         let theirs = goal.instead(settings);
@@ -104,7 +105,7 @@ mod tests {
         assert!(!are_as_one(&went(&[(128, 0), (256, 128)]), &of(256), true));
         assert!(are_as_one(&went(&[(256, 0)]), &of(256), true));
         // Paths are allocated alike from 128 on, and passes are as long.
-        let adaptive = |spp| RenderSettings { adaptive: Choice::On, ..of(spp) };
+        let adaptive = |spp| of(spp).with(Technique::Adaptive, Choice::On);
         for (goals, spp, as_one) in [
             (&[(128, 0), (256, 128)][..], 256, true),
             (&[(64, 0), (256, 64)], 256, false),

@@ -167,7 +167,7 @@ fn differences(ours: &Values, theirs: &Values) -> String {
 mod tests {
     use super::*;
     use crate::render::settings::GUIDING_MEMORY;
-    use crate::render::{Balance, Choice};
+    use crate::render::{Balance, Choice, Technique};
 
     #[test]
     fn differences_are_named_and_stop_rules_are_none() {
@@ -182,14 +182,15 @@ mod tests {
         let paper = |spp| of(&RenderSettings { spp: Some(spp), balance: Balance::SecondOrder, ..settings.clone() });
         assert!(paper(64).differences(&paper(128)).contains("spp (second-order's pilot is a share of it)"));
         let piloted = |pilot| of(&RenderSettings { pilot, balance: Balance::SecondOrder, ..settings.clone() });
-        let guided = |guiding, guiding_memory| of(&RenderSettings { guiding, guiding_memory, ..settings.clone() });
+        let guided = |guiding, guiding_memory| {
+            of(&RenderSettings { guiding_memory, ..settings.clone().with(Technique::Guiding, guiding) })
+        };
         assert_eq!(guided(Choice::Off, Some(1 << 20)).differences(&ours), "");
         assert!(guided(Choice::On, None).differences(&ours).contains("guiding"));
         assert_eq!(guided(Choice::On, None).differences(&guided(Choice::On, Some(GUIDING_MEMORY))), "");
         assert!(guided(Choice::On, None).differences(&guided(Choice::On, Some(1))).contains("guiding-memory"));
-        assert!(
-            of(&RenderSettings { adaptive: Choice::On, ..settings.clone() }).differences(&ours).contains("adaptive")
-        );
+        let adaptive = of(&settings.clone().with(Technique::Adaptive, Choice::On));
+        assert!(adaptive.differences(&ours).contains("adaptive"));
         assert_eq!(piloted(None).differences(&piloted(Some(0.5))), "");
         assert_eq!(piloted(None).differences(&piloted(Some(0.25))), "pilot (0.25 there, 0.5 here)");
     }

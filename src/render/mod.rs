@@ -7,9 +7,9 @@ pub mod adaptive;
 mod build_info;
 pub mod camera;
 pub mod checkpoint;
-mod choice;
 pub mod clipped;
 pub mod deal;
+pub mod decisions;
 pub mod default_light;
 pub mod driver;
 pub mod fireflies;
@@ -36,9 +36,7 @@ mod validate;
 pub use build_info::BuildInfo;
 pub use camera::camera;
 pub use checkpoint::{Record, Saved};
-pub use choice::Choice;
-/// Whether paths are guided.
-pub use choice::Choice as Guiding;
+pub use decisions::{Decision, Decisions, Found, TechniqueStats};
 pub use driver::{Pause, RunOptions, render, run};
 pub use fireflies::Fireflies;
 pub use goals::Goal;
@@ -52,5 +50,5 @@ pub use settings::{
     BackFaces, Balance, CustomMethod, GlassShadows, Ground, Integrator, PixelFilter, RenderSettings, StudyOptions,
 };
 pub use stats::{RenderStats, StopReason};
-pub use techniques::{Decision, Decisions, TechniqueStats};
+pub use techniques::{Choice, Choices, PerTechnique, Technique};
 pub use transport::transport;

@@ -53,10 +53,8 @@ pub fn replay(
     let prepasses = Prepasses::run(scene, settings, &never);
     let mut transport = prepasses.apply(transport(scene, settings));
     let mut tile = Tile::new([x / TILE, y / TILE], settings.width, settings.height, settings.columns());
-    let allocation = Allocation::new(&transport, settings, &never);
-    transport.proposal.emission_rays = allocation.as_ref().and_then(Allocation::emission_rays);
-    let deals = allocation.as_ref().is_some_and(Allocation::deals);
-    let planned = |tile: &Tile| match &allocation {
+    let deals = prepasses.allocation.as_ref().is_some_and(Allocation::deals);
+    let planned = |tile: &Tile| match &prepasses.allocation {
         Some(allocation) => allocation.next_pass(settings, tile),
         None => scheduler::planned(settings, tile.paths()),
     };

@@ -6,9 +6,9 @@ use serde::{Deserialize, Serialize};
 
 use super::Part;
 use super::adaptive::{NOISE_PATHS, NoiseGoal};
-use super::choice::{Choice, as_switch};
 use super::lens::LensSettings;
 use super::names::{Values, variant_name};
+use super::techniques::{Choice, Choices, Technique};
 use super::tile::Columns;
 use crate::balance::DEFAULT_PILOT_FRACTION;
 pub use crate::balance::{Balance, CustomMethod};
@@ -112,30 +112,17 @@ pub struct RenderSettings {
     pub noise: Option<f64>,
     /// Minimum paths per pixel before `noise` is estimated, ≥ 2; `None`: [`NOISE_PATHS`].
     pub min_spp: Option<u32>,
-    /// Allocation of paths to tiles by variance and cost ([`allocation`](super::prepass::allocation)), with `spp` as the mean.
-    /// Without effect where `noise` is set.
-    #[serde(default, with = "as_switch", skip_serializing_if = "is_default")]
-    pub adaptive: Choice,
     /// The method that divides samples between light sampling and BSDF sampling.
     pub balance: Balance,
     /// Fraction of all paths in the pilot of `second-order`, in (0, 1); `None`:
     /// [`DEFAULT_PILOT_FRACTION`].
     pub pilot: Option<f64>,
-    /// Path guiding. Without effect where there is no indirect light; auto concerns renders of at least
-    /// [`MIN_AUTO_PATHS`] expected paths per pixel.
-    #[serde(default, skip_serializing_if = "is_default")]
-    pub guiding: Choice,
+    /// Which techniques are used.
+    #[serde(flatten)]
+    pub techniques: Choices,
     /// Maximum bytes of guiding; `None`: [`GUIDING_MEMORY`].
     #[serde(skip_serializing_if = "Option::is_none")]
     pub guiding_memory: Option<u64>,
-    /// Light selection by what a pre-pass has learned ([`learned_lights`](super::prepass::learned_lights)). Auto concerns
-    /// balance methods that use pre-passes.
-    #[serde(default = "Choice::auto", skip_serializing_if = "Choice::is_auto")]
-    pub learned_lights: Choice,
-    /// The compensated density of the environment ([`compensation`](super::prepass::compensation)). Auto concerns balance
-    /// methods that use pre-passes.
-    #[serde(default = "Choice::auto", skip_serializing_if = "Choice::is_auto")]
-    pub compensation: Choice,
     /// Seed of every random choice.
     pub seed: u32,
     /// Pixel filter.
@@ -191,9 +178,6 @@ pub struct StudyOptions {
 
 /// Maximum width and height of a picture in pixels.
 pub const MAX_SIDE: u32 = 1 << 16;
-/// Paths per pixel from which on paths are allocated, and path guiding is decided about: below, the decision costs more than
-/// most pictures could gain.
-pub const MIN_AUTO_PATHS: u32 = 16;
 /// Expected paths per pixel of a render whose end is not known.
 const UNKNOWN_SPP: u32 = 128;
 
@@ -204,7 +188,13 @@ fn is_default<T: Default + PartialEq>(value: &T) -> bool {
 impl RenderSettings {
     /// The defaults, but all pixels get the same number of paths, and none is guided.
     pub fn even() -> Self {
-        Self { adaptive: Choice::Off, guiding: Choice::Off, ..Self::default() }
+        Self { techniques: Choices::unnamed(), ..Self::default() }
+    }
+
+    /// The same with this choice.
+    pub fn with(mut self, technique: Technique, choice: Choice) -> Self {
+        self.techniques[technique] = choice;
+        self
     }
 
     /// Named values that the bits of a picture depend on. Settings with the value that existed before they could be set are left
@@ -223,13 +213,10 @@ impl RenderSettings {
             time: _,
             noise: _,
             min_spp: _,
-            adaptive,
             balance,
             pilot,
-            guiding,
+            techniques,
             guiding_memory,
-            learned_lights,
-            compensation,
             seed,
             filter,
             aovs,
@@ -286,16 +273,10 @@ impl RenderSettings {
             insert("ground", variant_name(ground));
         }
         // The rules, not what they led to: that follows from them. Left out where earlier builds had no choice.
-        if *adaptive != Choice::Off {
-            insert("adaptive", if *adaptive == Choice::On { "true".into() } else { variant_name(adaptive) });
+        for (technique, choice) in techniques.named() {
+            insert(technique.row().flag, choice.as_str().unwrap_or("true").into());
         }
-        for (name, choice) in [("learned-lights", learned_lights), ("compensation", compensation)] {
-            if *choice != Choice::Auto {
-                insert(name, variant_name(choice));
-            }
-        }
-        if *guiding != Choice::Off {
-            insert("guiding", variant_name(guiding));
+        if techniques[Technique::Guiding] != Choice::Off {
             insert("guiding-memory", guiding_memory.unwrap_or(GUIDING_MEMORY).to_string());
         }
         // The passes of such a balance depend on the number of samples.
@@ -336,27 +317,27 @@ impl RenderSettings {
         }
     }
 
-    /// Are paths allocated to tiles, if the pre-pass finds that it pays?
-    pub fn allocates(&self) -> bool {
-        self.adaptive != Choice::Off && self.noise.is_none()
-    }
-
-    /// Are paths guided, as far as the settings tell?
-    pub fn guides(&self) -> bool {
-        match self.guiding {
-            Choice::Off => false,
-            Choice::On => true,
-            Choice::Auto => self.expected_spp() >= MIN_AUTO_PATHS,
+    /// Why these settings rule a technique out; `None` where its pre-pass runs.
+    pub fn rules_out(&self, technique: Technique) -> Option<String> {
+        let row = technique.row();
+        let [auto, on] = row.min_paths;
+        let few = |least| (self.expected_spp() < least).then(|| format!("fewer than {least} paths per pixel"));
+        match self.techniques[technique] {
+            Choice::Off => Some("not asked for".into()),
+            _ if self.noise.is_some() && !row.suits_noise_goal => {
+                Some("a noise goal gives each tile what it needs".into())
+            }
+            Choice::Auto if row.unnamed == Choice::Auto && !self.balance.method().uses_prepasses() => {
+                Some(format!("--balance {} uses it where it is on", self.balance.name()))
+            }
+            Choice::Auto => few(auto),
+            Choice::On => few(on),
         }
     }
 
-    /// Does the balance method, or the choice of one technique, ask for a pre-pass of this technique?
-    pub(super) fn uses_prepass(&self, choice: Choice) -> bool {
-        match choice {
-            Choice::Off => false,
-            Choice::On => true,
-            Choice::Auto => self.balance.method().uses_prepasses(),
-        }
+    /// Does the pre-pass of a technique run, as far as the settings tell?
+    pub fn asks_for(&self, technique: Technique) -> bool {
+        self.rules_out(technique).is_none()
     }
 
     /// Pixels of the whole picture.
@@ -384,13 +365,10 @@ impl Default for RenderSettings {
             time: None,
             noise: None,
             min_spp: None,
-            adaptive: Choice::Auto,
             balance: Balance::Progressive,
             pilot: None,
-            guiding: Choice::Auto,
+            techniques: Choices::new(|_| Choice::Auto),
             guiding_memory: None,
-            learned_lights: Choice::Auto,
-            compensation: Choice::Auto,
             seed: 0,
             filter: PixelFilter::Gaussian,
             aovs: false,

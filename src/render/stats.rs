@@ -2,7 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::techniques::TechniqueStats;
+use super::decisions::Found;
+use super::techniques::Technique;
 use super::tile::TileWork;
 
 /// Why a render ended.
@@ -48,7 +49,7 @@ pub struct RenderStats {
     pub first_not_finite: Option<[u32; 3]>,
     /// What the pre-passes of the last session found.
     #[serde(flatten)]
-    pub techniques: TechniqueStats,
+    pub techniques: Found,
     /// Estimated relative error of the picture after its last complete pass. Not read from files: it is computed again.
     #[serde(skip_deserializing)]
     pub noise: f64,
@@ -62,7 +63,7 @@ impl RenderStats {
 
     /// Have its tiles their own numbers of paths, by a pre-pass?
     pub fn is_allocated(&self) -> bool {
-        self.techniques.adaptive.is_some_and(|adaptive| adaptive.efficiency.range != [1.0; 2])
+        self.techniques[Technique::Adaptive].and_then(|stats| stats.range).is_some_and(|range| range != [1.0; 2])
     }
 
     /// Adds those of another part or seed of the same picture.
@@ -79,7 +80,7 @@ impl RenderStats {
         self.passes = self.passes.max(other.passes);
         self.not_finite += other.not_finite;
         self.first_not_finite = self.first_not_finite.or(other.first_not_finite);
-        self.techniques = self.techniques.or(other.techniques);
+        self.techniques = self.techniques.or(&other.techniques);
     }
 
     pub(super) fn add(&mut self, work: &TileWork) {

@@ -1,267 +1,255 @@
-//! Techniques that need not pay: what their pre-passes found, and what was decided about them and why, for a line of the log and
-//! the statistics.
+//! The list of techniques that need not pay, a row each, and the choice whether each is used: never, always, or where it pays.
+//! Settings, flags, statistics, decisions and the identity of a picture go through this list.
 
-use std::fmt::{self, Display};
+use std::collections::BTreeMap;
+use std::ops::{Index, IndexMut};
 
-use serde::{Deserialize, Serialize};
+use serde::de::Error;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use serde_json::Value;
 
-use super::settings::MIN_AUTO_PATHS;
-use super::{Choice, RenderSettings};
-
-/// What the pre-passes of a render found; `None` for those that did not run.
-#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
-pub struct TechniqueStats {
-    /// The density of the environment.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub compensation: Option<CompensationStats>,
-    /// Learned selection of area lights.
-    #[serde(rename = "lamps", skip_serializing_if = "Option::is_none")]
-    pub learned_lights: Option<LearnedLightsStats>,
-    /// Path guiding.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub guiding: Option<GuidingStats>,
-    /// Allocation of paths to tiles.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub adaptive: Option<AdaptiveStats>,
+/// Whether a technique is used.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Choice {
+    /// Never.
+    #[default]
+    Off,
+    /// Always.
+    On,
+    /// Where a pre-pass estimates that it pays for its cost.
+    Auto,
 }
 
-impl TechniqueStats {
-    /// These, and those of an earlier session where a pre-pass did not run.
-    pub fn or(self, earlier: Self) -> Self {
-        Self {
-            compensation: self.compensation.or(earlier.compensation),
-            learned_lights: self.learned_lights.or(earlier.learned_lights),
-            guiding: self.guiding.or(earlier.guiding),
-            adaptive: self.adaptive.or(earlier.adaptive),
+bismar_scene::named_variants! { Choice { Off = "off", On = "on", Auto = "auto" } }
+
+impl From<bool> for Choice {
+    fn from(on: bool) -> Self {
+        if on { Self::On } else { Self::Off }
+    }
+}
+
+/// Paths per pixel from which on paths are allocated, and path guiding is decided about: below, the decision costs more than
+/// most pictures could gain.
+pub const MIN_AUTO_PATHS: u32 = 16;
+
+/// What tells a technique from others, besides what it does.
+#[derive(Debug)]
+pub struct Row {
+    /// Its flag, without dashes, and its name in the log.
+    pub flag: &'static str,
+    /// Name of what its pre-pass has found, in statistics.
+    pub prepass: &'static str,
+    /// What it does, for help texts: a sentence that ends without a full stop.
+    pub about: &'static str,
+    /// Why its pre-pass does not run where nothing else rules it out.
+    pub nothing: &'static str,
+    /// What the estimate is a fraction of.
+    pub fraction_of: &'static str,
+    /// The choice of settings that do not name it. Off: it is used where the command asks for it, and that is `auto` with balance
+    /// methods that use pre-passes. Auto: `auto` itself concerns those methods alone.
+    pub unnamed: Choice,
+    /// Was it a switch? Then its flag may stand alone, and on is `true` in files.
+    pub is_switch: bool,
+    /// Minimum expected paths per pixel with `auto` and with `on`.
+    pub min_paths: [u32; 2],
+    /// Is it used beside a goal of noise?
+    pub suits_noise_goal: bool,
+    /// Does it learn from rounds whose number depends on the goal of the render, where guiding takes part in them?
+    pub learns: bool,
+}
+
+/// Makes the list.
+macro_rules! techniques {
+    ($($(#[$doc:meta])* $name:ident $row:tt)+) => {
+        /// A technique.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+        pub enum Technique { $($(#[$doc])* $name,)+ }
+
+        impl Technique {
+            /// All of them, in the order in which they are decided about.
+            pub const ALL: [Self; [$(stringify!($name)),+].len()] = [$(Self::$name),+];
         }
+
+        static ROWS: [Row; Technique::ALL.len()] = [$(Row $row),+];
+    };
+}
+
+techniques! {
+    /// The compensated density of the environment ([`compensation`](super::prepass::compensation)).
+    Compensation {
+        flag: "compensation",
+        prepass: "compensation",
+        about: "Compensated environment density: draw light samples of the environment by its radiance above the mean \
+                (docs/balance.md)",
+        nothing: "no environment with bright and dark parts",
+        fraction_of: "variance",
+        unnamed: Choice::Auto,
+        is_switch: false,
+        min_paths: [0; 2],
+        suits_noise_goal: true,
+        learns: false,
+    }
+    /// Learned selection of area lights ([`learned_lights`](super::prepass::learned_lights)).
+    LearnedLights {
+        flag: "learned-lights",
+        prepass: "lamps",
+        about: "Learned light selection: choose among emissive triangles by what a pre-pass has learned (docs/balance.md)",
+        nothing: "no emissive triangles to choose among",
+        fraction_of: "variance",
+        unnamed: Choice::Auto,
+        is_switch: false,
+        min_paths: [0; 2],
+        suits_noise_goal: true,
+        learns: true,
+    }
+    /// Path guiding ([`guiding`](super::prepass::guiding)).
+    Guiding {
+        flag: "guiding",
+        prepass: "guiding",
+        about: "Path guiding: sample directions from the light field that a pre-pass has learned (docs/guiding.md). It helps \
+                where light reaches the visible surfaces through few paths",
+        nothing: "no indirect light",
+        fraction_of: "variance",
+        unnamed: Choice::Off,
+        is_switch: false,
+        min_paths: [MIN_AUTO_PATHS, 0],
+        suits_noise_goal: true,
+        learns: true,
+    }
+    /// Numbers of paths by tile ([`allocation`](super::prepass::allocation)).
+    Adaptive {
+        flag: "adaptive",
+        prepass: "adaptive",
+        about: "Adaptive sampling: a pre-pass estimates the noise of each tile of 16 x 16 pixels, and noisy tiles get more \
+                paths; the number of paths is their mean (docs/adaptive.md). Without effect with a goal of noise",
+        nothing: "the time limit is too short for a pre-pass",
+        fraction_of: "error times cost",
+        unnamed: Choice::Off,
+        is_switch: true,
+        min_paths: [MIN_AUTO_PATHS; 2],
+        suits_noise_goal: false,
+        learns: false,
     }
 }
 
-/// The estimated efficiency of a field.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
-pub struct GuidingEfficiency {
-    /// Variance of guided paths over that of unguided ones.
-    pub variance: f32,
-    /// Rays of a guided path over those of an unguided one.
-    pub cost: f32,
-    /// Mean fraction of directions that are sampled from the field.
-    pub share: f32,
-}
+impl Technique {
+    /// Its row of the list.
+    pub fn row(self) -> &'static Row {
+        &ROWS[self as usize]
+    }
 
-impl GuidingEfficiency {
-    /// The fraction of variance times rays that remains.
-    pub fn remaining(&self) -> f32 {
-        self.variance * self.cost
+    /// The technique with this flag.
+    pub fn of_flag(flag: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|technique| technique.row().flag == flag)
+    }
+
+    /// Its name in settings and in decisions.
+    pub fn name(self) -> String {
+        self.row().flag.replace('-', "_")
+    }
+
+    /// What the plain command chooses, with a balance method that uses pre-passes or not.
+    pub fn usual(self, uses_prepasses: bool) -> Choice {
+        if uses_prepasses { Choice::Auto } else { self.row().unnamed }
+    }
+
+    /// A choice as files have it.
+    pub fn stored(self, choice: Choice) -> Value {
+        if self.row().is_switch && choice == Choice::On { Value::Bool(true) } else { choice.name().into() }
     }
 }
 
-/// The result of the guiding pre-pass.
-#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
-pub struct GuidingStats {
-    /// Are paths guided?
-    pub on: bool,
-    /// Cells of the field.
-    pub cells: usize,
-    /// Its bytes.
-    pub bytes: usize,
-    /// Its estimated efficiency.
-    #[serde(flatten)]
-    pub efficiency: GuidingEfficiency,
-    /// Wall seconds.
-    pub seconds: f64,
-}
+/// A value for each technique.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct PerTechnique<T>([T; Technique::ALL.len()]);
 
-/// The result of the pre-pass of the environment.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct CompensationStats {
-    /// Is the environment sampled by the compensated density?
-    pub on: bool,
-    /// Estimated variance over that without it; `None` where it was not estimated.
-    #[serde(rename = "left", skip_serializing_if = "Option::is_none")]
-    pub remaining_variance: Option<f64>,
-    /// Wall seconds.
-    pub seconds: f64,
-}
+impl<T> PerTechnique<T> {
+    /// The value of each.
+    pub fn new(of: impl FnMut(Technique) -> T) -> Self {
+        Self(Technique::ALL.map(of))
+    }
 
-/// The result of the pre-pass of emissive triangles.
-#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
-pub struct LearnedLightsStats {
-    /// Are light samples chosen by it?
-    pub on: bool,
-    /// Cells in space.
-    pub cells: usize,
-    /// Bytes of the cells.
-    pub bytes: usize,
-    /// Estimated variance over that without it.
-    #[serde(rename = "left")]
-    pub remaining_variance: f64,
-    /// Wall seconds.
-    pub seconds: f64,
-}
-
-/// The estimated efficiency of an allocation.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
-pub struct AllocationEfficiency {
-    /// Variance times cost, over that of a uniform allocation.
-    #[serde(rename = "left")]
-    pub remaining: f64,
-    /// Minimum and maximum paths of a tile, over the mean; both 1 where the allocation is uniform.
-    pub range: [f64; 2],
-    /// Mean number per path of camera rays for emission alone
-    /// ([`emission_rays`](crate::integrator::through::emission_rays)).
-    #[serde(default)]
-    pub emission_rays: f64,
-}
-
-impl AllocationEfficiency {
-    /// Has any tile another number of paths, or any pixel camera rays for emission?
-    pub fn is_used(&self) -> bool {
-        self.range != [1.0; 2] || self.emission_rays > 0.0
+    /// All of them, in the order of the list.
+    pub fn iter(&self) -> impl Iterator<Item = (Technique, &T)> {
+        Technique::ALL.into_iter().zip(&self.0)
     }
 }
 
-/// The result of the allocation pre-pass.
-#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
-pub struct AdaptiveStats {
-    /// The estimated efficiency of the allocation.
-    #[serde(flatten)]
-    pub efficiency: AllocationEfficiency,
-    /// Wall seconds.
-    pub seconds: f64,
+impl<T> Index<Technique> for PerTechnique<T> {
+    type Output = T;
+
+    fn index(&self, technique: Technique) -> &T {
+        &self.0[technique as usize]
+    }
 }
 
-/// Whether a technique is used, and why.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct Decision {
-    /// Is it used?
-    pub on: bool,
-    /// A few words.
-    pub why: String,
+impl<T> IndexMut<Technique> for PerTechnique<T> {
+    fn index_mut(&mut self, technique: Technique) -> &mut T {
+        &mut self.0[technique as usize]
+    }
 }
 
-/// The decisions about all techniques of a render.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct Decisions {
-    /// The compensated density of the environment.
-    pub compensation: Decision,
-    /// Learned selection of area lights.
-    pub learned_lights: Decision,
-    /// Path guiding.
-    pub guiding: Decision,
-    /// Numbers of paths by tile.
-    pub adaptive: Decision,
+/// The choices of a render.
+pub type Choices = PerTechnique<Choice>;
+
+impl Choices {
+    /// Those that settings need not name.
+    pub fn unnamed() -> Self {
+        Self::new(|technique| technique.row().unnamed)
+    }
+
+    /// Those that files name, as they have them.
+    pub fn named(&self) -> impl Iterator<Item = (Technique, Value)> {
+        let named = self.iter().filter(|(technique, choice)| **choice != technique.row().unnamed);
+        named.map(|(technique, choice)| (technique, technique.stored(*choice)))
+    }
 }
 
-impl Decisions {
-    /// The decisions of a render with these settings, whose pre-passes found `stats`.
-    pub fn new(settings: &RenderSettings, stats: &TechniqueStats) -> Self {
-        let is_auto_here = settings.balance.method().uses_prepasses();
-        // Without a pre-pass.
-        let without = |choice: Choice, auto: bool, nothing: &str| match choice {
-            Choice::Off => no("not asked for"),
-            Choice::Auto if !auto => no(format!("--balance {} uses it where it is on", settings.balance.name())),
-            _ => no(nothing),
-        };
-        let by = |on: bool, choice: Choice, what: String| match choice {
-            Choice::On => Decision { on, why: format!("asked for; {what}") },
-            _ => Decision { on, why: what },
-        };
-        let few = settings.expected_spp() < MIN_AUTO_PATHS;
-        Self {
-            compensation: match stats.compensation {
-                None => without(settings.compensation, is_auto_here, "no environment with bright and dark parts"),
-                Some(found) => match found.remaining_variance {
-                    None => Decision { on: found.on, why: "asked for".into() },
-                    Some(left) => by(found.on, settings.compensation, format!("leaves {left:.2} of the variance")),
-                },
-            },
-            learned_lights: match stats.learned_lights {
-                None => without(settings.learned_lights, is_auto_here, "no emissive triangles to choose among"),
-                Some(found) => {
-                    let what = format!("leaves {:.2} of the variance", found.remaining_variance);
-                    by(found.on, settings.learned_lights, what)
-                }
-            },
-            guiding: match stats.guiding {
-                None if settings.guiding == Choice::Auto && few => no(too_few()),
-                None => without(settings.guiding, true, "no indirect light"),
-                Some(found) => by(
-                    found.on,
-                    settings.guiding,
-                    format!(
-                        "leaves {:.2} of the variance at {:.2} of the cost",
-                        found.efficiency.variance, found.efficiency.cost
-                    ),
-                ),
-            },
-            adaptive: match stats.adaptive {
-                None if settings.adaptive != Choice::Off && settings.noise.is_some() => {
-                    no("a noise goal gives each tile what it needs")
-                }
-                None if settings.adaptive != Choice::Off && few => no(too_few()),
-                None => without(settings.adaptive, true, "the time limit is too short for a pre-pass"),
-                Some(found) => by(
-                    found.efficiency.is_used(),
-                    settings.adaptive,
-                    format!("leaves {:.2} of the error times cost", found.efficiency.remaining),
-                ),
-            },
+impl Serialize for Choices {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_map(self.named().map(|(technique, choice)| (technique.name(), choice)))
+    }
+}
+
+impl<'de> Deserialize<'de> for Choices {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let named = BTreeMap::<String, Value>::deserialize(deserializer)?;
+        let mut choices = Self::unnamed();
+        for technique in Technique::ALL {
+            match named.get(&technique.name()) {
+                None => (),
+                Some(Value::Bool(on)) => choices[technique] = (*on).into(),
+                Some(name) => choices[technique] = Choice::deserialize(name).map_err(D::Error::custom)?,
+            }
         }
-    }
-}
-
-fn no(why: impl Into<String>) -> Decision {
-    Decision { on: false, why: why.into() }
-}
-
-fn too_few() -> String {
-    format!("fewer than {MIN_AUTO_PATHS} paths per pixel")
-}
-
-impl Display for Decisions {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        let Self { compensation, learned_lights, guiding, adaptive } = self;
-        let named = [
-            ("compensation", compensation),
-            ("learned lights", learned_lights),
-            ("guiding", guiding),
-            ("adaptive sampling", adaptive),
-        ];
-        for (i, (name, Decision { on, why })) in named.into_iter().enumerate() {
-            let between = if i > 0 { ", " } else { "" };
-            write!(f, "{between}{name} {} ({why})", if *on { "on" } else { "off" })?;
-        }
-        Ok(())
+        Ok(choices)
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use serde_json::{from_str, to_string};
+
     use super::*;
-    use crate::render::Balance;
+    use crate::render::RenderSettings;
 
     #[test]
-    fn each_decision_has_its_reason() {
-        let auto = RenderSettings::default();
-        let of = |settings: &RenderSettings, stats: &TechniqueStats| Decisions::new(settings, stats);
-        let none = TechniqueStats::default();
-        let found = of(&auto, &none);
-        assert!(
-            found.compensation.why.contains("no environment") && found.guiding.why.contains("no indirect"),
-            "{found}"
-        );
-        let found = of(&RenderSettings { spp: Some(4), ..auto.clone() }, &none);
-        assert!(found.guiding.why.contains("fewer than 16") && found.adaptive.why.contains("fewer than 16"), "{found}");
-        let found = of(&RenderSettings { noise: Some(0.1), ..auto.clone() }, &none);
-        assert!(found.adaptive.why.contains("noise goal"), "{found}");
-        let found = of(&RenderSettings { balance: Balance::Half, ..RenderSettings::even() }, &none);
-        assert!(found.compensation.why.contains("--balance half") && found.guiding.why == "not asked for", "{found}");
-        let efficiency = GuidingEfficiency { variance: 0.25, cost: 0.9, share: 0.5 };
-        let guided = GuidingStats { on: true, cells: 1, bytes: 1, efficiency, seconds: 0.0 };
-        let found = of(&auto, &TechniqueStats { guiding: Some(guided), ..none });
-        assert!(found.to_string().contains("guiding on (leaves 0.25 of the variance at 0.90 of the cost)"), "{found}");
-        let asked = RenderSettings { guiding: Choice::On, ..auto };
-        let found = of(&asked, &TechniqueStats { guiding: Some(guided), ..none });
-        assert!(found.guiding.why.starts_with("asked for"), "{found}");
+    fn settings_of_earlier_files_keep_their_meaning() {
+        let plain = RenderSettings::even();
+        let text = to_string(&plain).unwrap();
+        for absent in Technique::ALL.map(Technique::name) {
+            assert!(!text.contains(&absent), "{text}");
+        }
+        let read: RenderSettings = from_str(&text).unwrap();
+        assert_eq!(read.techniques, plain.techniques);
+        assert_eq!(read.techniques[Technique::LearnedLights], Choice::Auto);
+        let on = to_string(&plain.clone().with(Technique::Adaptive, Choice::On)).unwrap();
+        assert!(on.contains(r#""adaptive":true"#), "{on}");
+        for choice in Choice::ALL {
+            let settings = RenderSettings { techniques: Choices::new(|_| choice), ..plain.clone() };
+            let read: RenderSettings = from_str(&to_string(&settings).unwrap()).unwrap();
+            assert_eq!(read.techniques, settings.techniques);
+        }
     }
 }

@@ -5,7 +5,7 @@ use std::process::Command;
 use std::sync::atomic::AtomicBool;
 
 use bismar::balance::Balance;
-use bismar::render::{Guiding, render};
+use bismar::render::{Choice, render};
 use bismar_study::stability::judge::{FALSE_ALARM, Verdict, z_limit};
 use bismar_study::stability::page::write;
 use bismar_study::stability::simulate::Subject;
@@ -107,10 +107,10 @@ fn guiding_moves_no_mean_and_as_its_pilot_decides_no_pixel_is_worse_for_sure() {
 #[test]
 fn a_picture_in_the_modes_of_guiding_is_what_a_render_is() {
     for case in guiding::scenes::cases().unwrap() {
-        for way in [Guiding::Off, Guiding::On, Guiding::Auto] {
+        for way in [Choice::Off, Choice::On, Choice::Auto] {
             let settings = guiding::scenes::settings(7, way);
             let field = guiding::scenes::field(&case.scene, &settings);
-            assert_eq!(way == Guiding::On, field.is_some() && way != Guiding::Auto, "{}", case.mode);
+            assert_eq!(way == Choice::On, field.is_some() && way != Choice::Auto, "{}", case.mode);
             let own = guiding::pixels(&case.scene, field.as_ref(), 7, settings.spp.unwrap());
             let rendered = render(&case.scene, &settings, &AtomicBool::new(false), &|_| ()).unwrap();
             let film = rendered.film();

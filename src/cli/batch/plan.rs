@@ -13,6 +13,7 @@ use crate::batch::job::Job;
 use crate::cli::render::{self, command};
 use crate::console::Paths;
 use crate::job::RenderRequest;
+use crate::render::Technique;
 use crate::{Error, Result};
 
 /// Flags of `render` that a batch file must not hold.
@@ -54,7 +55,7 @@ pub fn read(path: &Path) -> Result<Vec<Job>> {
                 _ if name == "size" => Flag::List('x'),
                 _ if ["aov", "crop", "frames", "orbit", "sunsky"].contains(&name.as_str()) => Flag::List(','),
                 _ if name == "seed-per-frame" => Flag::Choice,
-                _ if name == "adaptive" => Flag::Mode,
+                _ if Technique::of_flag(&name).is_some() => Flag::Mode,
                 _ if ["env", "cameras"].contains(&name.as_str()) => Flag::Input,
                 _ if arg.get_value_hint() == ValueHint::AnyPath => Flag::File,
                 _ => Flag::Value,

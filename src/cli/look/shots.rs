@@ -16,7 +16,7 @@ use crate::batch::frames::Frames;
 use crate::console::Paths;
 use crate::film::{Exposure, Pixels, View, preview::to_byte};
 use crate::job::{Inputs, Loaded, RenderRequest, Session};
-use crate::render::{Choice, RenderSettings, RunOptions, StopReason, run};
+use crate::render::{Choice, Choices, RenderSettings, RunOptions, StopReason, run};
 use crate::scene::Orbit;
 use crate::scene::import::Views;
 use crate::{Error, Result};
@@ -43,12 +43,10 @@ impl Subject {
         let mut selection = look.selection.selection();
         look.frames.iter().for_each(|frames| selection.frame = Some(frames.numbers()[0].into()));
         // With so few paths, the pre-passes take longer than what they save.
-        let off = Choice::Off;
         let settings = RenderSettings {
             spp: Some(look.spp),
             transparent: true,
-            guiding: off,
-            adaptive: off,
+            techniques: Choices::new(|_| Choice::Off),
             ..Default::default()
         };
         let orbits = Direction::value_variants().iter().map(|direction| direction.orbit()).collect();
@@ -56,7 +54,7 @@ impl Subject {
             views: Some(Views { size: [look.size.0, look.size.1], orbits, camera: None }),
             scene: scene.into(),
             selection,
-            settings: RenderSettings { learned_lights: off, compensation: off, ..settings },
+            settings,
             size: Some(look.size),
             aovs: Vec::new(),
             memory_limit: look.memory_limit,

@@ -6,7 +6,7 @@ use clap::Args;
 use tracing::info;
 
 use super::values::{
-    AovList, Crop, OnByDefault, PartFlag, PixelPath, Preset, adaptive, balance, blades, finite, light_radius,
+    AovList, Crop, OnByDefault, PartFlag, PixelPath, Preset, TechniqueFlags, balance, blades, finite, light_radius,
     light_unit, not_negative, preset, share, sun_angle,
 };
 use crate::batch::frames::Frames;
@@ -29,7 +29,9 @@ use crate::job::memory::parse_size;
 use crate::job::{LightUnit, RenderRequest};
 use crate::rays::Backend;
 use crate::render::lens::{Aperture, Focus, LensSettings};
-use crate::render::{BackFaces, Balance, Choice, GlassShadows, Ground, Integrator, PixelFilter, RenderSettings};
+use crate::render::{
+    BackFaces, Balance, Choice, Choices, GlassShadows, Ground, Integrator, PixelFilter, RenderSettings, Technique,
+};
 use crate::sampling::frame_seed;
 use crate::scene::import::{STANDARD_INPUT, Views};
 use crate::scene::{ClearSky, Orbit, PlacedCamera};
@@ -197,36 +199,17 @@ pub struct RenderArgs {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..), requires = "noise",
         help_heading = "Sampling")]
     pub min_spp: Option<u32>,
-    /// Adaptive sampling: a pre-pass estimates the noise of each tile of 16 x 16 pixels, and noisy tiles get more paths;
-    /// --spp is the mean (docs/adaptive.md). Without effect with --noise [default: auto with --balance progressive, else
-    /// off; --adaptive alone: on].
-    #[arg(long, value_parser = adaptive(), default_value_if("preset", "thumbnail", "off"), num_args = 0..=1,
-        require_equals = true, default_missing_value = Choice::On.name(), value_name = "WHEN", help_heading = "Sampling")]
-    pub adaptive: Option<Choice>,
+    #[command(flatten)]
+    techniques: TechniqueFlags,
     /// Method that sets the share of light samples and BSDF samples in multiple importance sampling (docs/balance.md).
     #[arg(long, value_parser = balance(), default_value = "progressive", help_heading = "Sampling")]
     pub balance: Balance,
     /// For --balance second-order: the pilot's share of all paths, between 0 and 1 [default: 0.5].
     #[arg(long, value_name = "SHARE", value_parser = share, help_heading = "Sampling")]
     pub pilot: Option<f64>,
-    /// Path guiding: sample directions from the light field that a pre-pass has learned (docs/guiding.md). It helps where
-    /// light reaches the visible surfaces through few paths [default: auto with --balance progressive, else off].
-    #[arg(long, value_parser = value_of::<Choice>(), default_value_if("preset", "thumbnail", "off"), value_name = "WHEN",
-        help_heading = "Sampling")]
-    pub guiding: Option<Choice>,
     /// Memory limit of the guiding field, such as 256M or 1G [default: 256M].
     #[arg(long, value_name = "SIZE", value_parser = parse_size, help_heading = "Sampling")]
     pub guiding_memory: Option<u64>,
-    /// Learned light selection: choose among emissive triangles by what a pre-pass has learned (docs/balance.md). auto
-    /// concerns --balance progressive.
-    #[arg(long, value_parser = value_of::<Choice>(), default_value = Choice::Auto.name(), value_name = "WHEN",
-        help_heading = "Sampling")]
-    pub learned_lights: Choice,
-    /// Compensated environment density: draw light samples of the environment by its radiance above the mean
-    /// (docs/balance.md). auto concerns --balance progressive.
-    #[arg(long, value_parser = value_of::<Choice>(), default_value = Choice::Auto.name(), value_name = "WHEN",
-        help_heading = "Sampling")]
-    pub compensation: Choice,
     /// Clamp direct light: largest radiance, in the brightest channel, of one contribution at the first surface. Removes
     /// fireflies, but the picture becomes darker than the truth [default: no limit].
     #[arg(long, value_name = "X", value_parser = positive, help_heading = "Sampling")]
@@ -394,8 +377,9 @@ impl RenderArgs {
     pub fn request(&self) -> Result<RenderRequest> {
         self.check()?;
         let (aovs, selection) = (self.aovs(), self.selection.selection());
-        // Other methods are there to compare with: they take what is asked for, and nothing more.
-        let automatic = if self.balance.method().uses_prepasses() { Choice::Auto } else { Choice::Off };
+        let uses_prepasses = self.balance.method().uses_prepasses();
+        // Adaptive sampling estimates the variance of the colour, not of alpha.
+        let suits = |technique| self.ground == Ground::None || technique != Technique::Adaptive;
         let unlimited = self.spp.is_none() && self.time.is_none() && self.noise.is_none();
         let settings = RenderSettings {
             crop: self.crop.map(|c| c.0),
@@ -405,14 +389,13 @@ impl RenderArgs {
             time: self.time,
             noise: self.noise,
             min_spp: self.min_spp,
-            // The variance that it estimates is that of the colour, not of alpha.
-            adaptive: self.adaptive.unwrap_or(if self.ground == Ground::None { automatic } else { Choice::Off }),
             balance: self.balance,
             pilot: self.pilot,
-            guiding: self.guiding.unwrap_or(automatic),
+            // Other methods are there to compare with: they take what is asked for, and nothing more.
+            techniques: Choices::new(|technique| {
+                self.techniques.0[technique].unwrap_or(technique.usual(uses_prepasses && suits(technique)))
+            }),
             guiding_memory: self.guiding_memory,
-            learned_lights: self.learned_lights,
-            compensation: self.compensation,
             seed: match (self.seed_per_frame, selection.frame) {
                 (Some(true), Some(frame)) => frame_seed(self.seed, frame),
                 _ => self.seed,
@@ -576,10 +559,14 @@ impl RenderArgs {
         if self.is_dash() && (self.is_sequence() || self.replay_pixel.is_some()) {
             return Err(Error::Usage("a scene from standard input is for one picture: give a file".into()));
         }
-        if self.adaptive == Some(Choice::On) && self.noise.is_some() {
-            return Err(Error::Usage(
-                "--adaptive cannot be used with --noise, which gives each tile the paths that it needs".into(),
-            ));
+        let refused = |technique: &Technique| {
+            self.techniques.0[*technique] == Some(Choice::On) && !technique.row().suits_noise_goal
+        };
+        if let Some(refused) = Technique::ALL.iter().find(|technique| self.noise.is_some() && refused(technique)) {
+            return Err(Error::Usage(format!(
+                "--{} cannot be used with --noise, which gives each tile the paths that it needs",
+                refused.row().flag
+            )));
         }
         if self.seed_per_frame == Some(true) && self.frames.is_none() && self.selection.frame.is_none() {
             return Err(Error::Usage("--seed-per-frame needs a frame: --frames or --frame".into()));

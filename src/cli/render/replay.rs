@@ -4,7 +4,7 @@ use super::values::PixelPath;
 use crate::console::{Verdict, print};
 use crate::job::{Inputs, Loaded, RenderRequest, settings};
 use crate::render::prepass::allocation::MAX_PATHS_OVER_MEAN;
-use crate::render::{RenderSettings, replay};
+use crate::render::{RenderSettings, Technique, replay};
 use crate::{Error, Result};
 
 /// Prints the paths of a pixel.
@@ -26,7 +26,7 @@ pub fn run(request: &RenderRequest, pixel_path: PixelPath) -> Result<Verdict> {
     let Some(spp) = settings.spp else {
         return Err(Error::Usage("--replay-pixel needs --spp, which sets the number of paths".into()));
     };
-    let paths = if settings.allocates() { spp.saturating_mul(MAX_PATHS_OVER_MEAN) } else { spp };
+    let paths = if settings.asks_for(Technique::Adaptive) { spp.saturating_mul(MAX_PATHS_OVER_MEAN) } else { spp };
     if let Some(n) = path.filter(|n| *n >= paths) {
         return Err(Error::Usage(format!(
             "--replay-pixel {x},{y},{n}: with --spp {spp} the last path is {}",

@@ -2,13 +2,15 @@
 
 use std::str::FromStr;
 
-use clap::ValueEnum;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use clap::{Arg, ArgMatches, Args, Command, FromArgMatches, ValueEnum};
 
+use crate::cli::flag_values::FlagValue;
 use crate::farm::array::{ArrayTask, array_task};
 use crate::film::Aov;
 use crate::job::LightUnit;
-use crate::render::{Balance, Choice, Part};
+use crate::render::techniques::Row;
+use crate::render::{Balance, Choice, Part, PerTechnique, Technique};
 use crate::scene::MAX_RADIUS;
 
 type Parsed<T> = std::result::Result<T, String>;
@@ -27,18 +29,56 @@ pub fn balance() -> impl TypedValueParser<Value = Balance> {
     PossibleValuesParser::new(names).map(|name| Balance::named(&name).expect("one of them"))
 }
 
-/// Parser of `--adaptive`, which was a switch: batch files have true and false.
-pub fn adaptive() -> impl TypedValueParser<Value = Choice> {
-    let names = Choice::ALL.map(|choice| match choice {
-        Choice::Off => PossibleValue::new(choice.name()).alias("false"),
-        Choice::On => PossibleValue::new(choice.name()).alias("true"),
-        Choice::Auto => PossibleValue::new(choice.name()),
-    });
-    PossibleValuesParser::new(names).map(|name| match name.as_str() {
-        "off" | "false" => Choice::Off,
-        "on" | "true" => Choice::On,
-        _ => Choice::Auto,
-    })
+/// The flags of all techniques; `None` for those that are not given.
+#[derive(Debug, Clone)]
+pub struct TechniqueFlags(pub PerTechnique<Option<Choice>>);
+
+impl TechniqueFlags {
+    fn flag(technique: Technique) -> Arg {
+        let Row { flag, about, unnamed, is_switch, .. } = *technique.row();
+        let names = Choice::ALL.map(|choice| {
+            let value = PossibleValue::new(choice.name()).help(choice.help());
+            match choice {
+                // Batch files have true and false.
+                Choice::Off => value.alias("false"),
+                Choice::On => value.alias("true"),
+                Choice::Auto => value,
+            }
+        });
+        let parser = PossibleValuesParser::new(names).map(|name| match name.as_str() {
+            "off" | "false" => Choice::Off,
+            "on" | "true" => Choice::On,
+            _ => Choice::Auto,
+        });
+        let alone = if is_switch { format!("; --{flag} alone: on") } else { String::new() };
+        let help = format!("{about} [default: auto with --balance progressive, else off{alone}]");
+        let arg = Arg::new(flag).long(flag).help(help).help_heading("Sampling").value_name("WHEN").value_parser(parser);
+        let arg = if unnamed == Choice::Off { arg.default_value_if("preset", "thumbnail", "off") } else { arg };
+        match is_switch {
+            true => arg.num_args(0..=1).require_equals(true).default_missing_value(Choice::On.name()),
+            false => arg,
+        }
+    }
+}
+
+impl Args for TechniqueFlags {
+    fn augment_args(command: Command) -> Command {
+        command.args(Technique::ALL.map(Self::flag))
+    }
+
+    fn augment_args_for_update(command: Command) -> Command {
+        Self::augment_args(command)
+    }
+}
+
+impl FromArgMatches for TechniqueFlags {
+    fn from_arg_matches(matches: &ArgMatches) -> std::result::Result<Self, clap::Error> {
+        Ok(Self(PerTechnique::new(|technique| matches.get_one(technique.row().flag).copied())))
+    }
+
+    fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> std::result::Result<(), clap::Error> {
+        Self::from_arg_matches(matches).map(|flags| *self = flags)
+    }
 }
 
 /// Value of `--preset`: other defaults of some flags. The values are in `args.rs`, as conditional defaults.

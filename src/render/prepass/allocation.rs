@@ -14,23 +14,24 @@ use glam::Vec3;
 use rayon::prelude::*;
 use tracing::debug;
 
+use super::super::RenderSettings;
 use super::super::deal;
+use super::super::decisions::TechniqueStats;
 use super::super::sampler::with_buffers;
 use super::super::scheduler::planned_to;
-use super::super::settings::MIN_AUTO_PATHS;
-use super::super::techniques::AllocationEfficiency;
+use super::super::techniques::{Choice, MIN_AUTO_PATHS, Technique};
 use super::super::tile::{TILE, Tile};
-use super::super::{Choice, RenderSettings};
 use super::effort::{
     self, ALLOCATION_PIXELS_PER_TILE, CAMERA_RAY_COST, FIRST_ALLOCATION_PIXELS_PER_TILE, MAX_ALLOCATION_PIXELS,
     MAX_REMAINING_ALLOCATED, MAX_REMAINING_AT_FIRST_STEP, MAX_REMAINING_BY_EMISSION_RAYS,
 };
+use super::rounds::Decided;
 use super::visible_emission::VisibleEmission;
 use crate::balance::method::MAX_PASS_PATHS;
 use crate::color::luminance;
 use crate::film::compare::relative_to;
 use crate::integrator::clients::ScatteredSums;
-use crate::integrator::{EmissionRayCounts, PixelTask, Transport, Wave, WaveCounts};
+use crate::integrator::{EmissionRayCounts, PixelTask, Proposal, Transport, Wave, WaveCounts};
 use crate::sampling::hash;
 
 /// Paths per pixel of the pre-pass in each of its two scrambles. Their difference is the error that remains with fixed
@@ -54,7 +55,18 @@ pub struct Allocation {
     columns: u32,
     /// Camera rays for emission; `None` if no pixel has more than its paths'.
     emission_rays: Option<EmissionRayCounts>,
-    efficiency: AllocationEfficiency,
+    stats: TechniqueStats,
+}
+
+impl Decided for Allocation {
+    fn stats(&self) -> (Technique, TechniqueStats) {
+        (Technique::Adaptive, self.stats)
+    }
+
+    /// Only camera rays for emission are a matter of the proposal.
+    fn apply<'a>(&'a self, proposal: Proposal<'a>) -> Proposal<'a> {
+        Proposal { emission_rays: self.emission_rays.as_ref(), ..proposal }
+    }
 }
 
 /// What the pre-pass measures in a tile.
@@ -121,16 +133,11 @@ impl Survey {
     }
 }
 
-/// Do these settings ask for an allocation, and for enough paths to survey them?
-pub fn is_made(settings: &RenderSettings) -> bool {
-    settings.allocates() && settings.spp.is_none_or(|spp| spp >= MIN_AUTO_PATHS)
-}
-
 impl Allocation {
     /// Allocates the paths of the whole picture, whatever part of it is rendered. `None` where `settings` are not adaptive,
     /// and soon after `stop` is raised.
     pub fn new(transport: &Transport, settings: &RenderSettings, stop: &AtomicBool) -> Option<Self> {
-        if !is_made(settings) {
+        if !settings.asks_for(Technique::Adaptive) {
             return None;
         }
         let began = Instant::now();
@@ -153,13 +160,14 @@ impl Allocation {
         let of = |mut surveys: Vec<Survey>| {
             let visible = visible.as_ref().map(|visible| Visible { visible, settings, columns });
             let emission_rays = visible.and_then(|visible| visible.choose(&mut surveys));
-            let Allocated { doublings, by_counts, efficiency } = allocated(&surveys, columns as usize);
-            (Self { doublings, columns, emission_rays, efficiency }, by_counts)
+            let Allocated { doublings, by_counts, stats } = allocated(&surveys, columns as usize);
+            let stats = TechniqueStats { seconds: began.elapsed().as_secs_f64(), ..stats };
+            (Self { doublings, columns, emission_rays, stats }, by_counts)
         };
         let first = step(0..FIRST_ALLOCATION_PIXELS_PER_TILE)?;
         let (found, by_counts) = of(first.clone());
         debug!("the first step of the allocation leaves {by_counts:.3}");
-        if settings.adaptive == Choice::Auto && by_counts > MAX_REMAINING_AT_FIRST_STEP {
+        if settings.techniques[Technique::Adaptive] == Choice::Auto && by_counts > MAX_REMAINING_AT_FIRST_STEP {
             return Some(found);
         }
         let more = step(FIRST_ALLOCATION_PIXELS_PER_TILE..all)?;
@@ -190,24 +198,16 @@ impl Allocation {
     /// Renders with equal keys, and other settings alike, have the same allocation and begin with the same passes. `None`
     /// where all tiles get the same number of paths.
     pub fn key(settings: &RenderSettings) -> Option<u32> {
-        let spp = settings.spp.filter(|_| is_made(settings))?;
+        let spp = settings.spp.filter(|_| settings.asks_for(Technique::Adaptive))?;
         Some(if spp.is_multiple_of(MAX_PASS_PATHS) { MAX_PASS_PATHS } else { spp })
     }
 
     /// Does a render to the goal of `settings` begin with all passes of one to the smaller goal of `shorter`? Those end with a
     /// whole pass of every tile.
     pub fn begins_as(shorter: &RenderSettings, settings: &RenderSettings) -> bool {
-        Self::key(shorter) == Some(MAX_PASS_PATHS) && is_made(settings) && settings.spp > shorter.spp
-    }
-
-    /// Camera rays for emission that the camera sees directly.
-    pub fn emission_rays(&self) -> Option<&EmissionRayCounts> {
-        self.emission_rays.as_ref()
-    }
-
-    /// Its estimated efficiency.
-    pub fn efficiency(&self) -> AllocationEfficiency {
-        self.efficiency
+        Self::key(shorter) == Some(MAX_PASS_PATHS)
+            && settings.asks_for(Technique::Adaptive)
+            && settings.spp > shorter.spp
     }
 }
 
@@ -344,7 +344,8 @@ struct Allocated {
     /// Error times cost with these, over that of equal counts with the same camera rays for emission. Above
     /// [`MAX_REMAINING_ALLOCATED`] all counts are equal.
     by_counts: f64,
-    efficiency: AllocationEfficiency,
+    /// Fraction of error times cost that remains, and what led to it.
+    stats: TechniqueStats,
 }
 
 /// Allocates paths to tiles, and estimates the efficiency: an allocation by one half of the pixels is judged by the variance of
@@ -375,8 +376,14 @@ fn allocated(surveys: &[Survey], columns: usize) -> Allocated {
     // Equal counts gain nothing, whatever others were estimated to.
     let only_rays = range == [1.0; 2] && emission_rays > 0.0;
     let remaining = if only_rays { by_rays } else { by_counts * by_rays };
-    let efficiency = AllocationEfficiency { remaining, range, emission_rays };
-    Allocated { doublings: found, by_counts, efficiency }
+    let stats = TechniqueStats {
+        on: range != [1.0; 2] || emission_rays > 0.0,
+        remaining: Some(remaining),
+        range: Some(range),
+        emission_rays: Some(emission_rays),
+        ..Default::default()
+    };
+    Allocated { doublings: found, by_counts, stats }
 }
 
 /// Each tile's variance. That by sampled pixels is mixed with the mean of the tiles around it: the fewer there are, the more.
@@ -445,15 +452,12 @@ mod tests {
     #[test]
     fn tiles_are_alike_where_the_halves_do_not_agree_that_they_differ() {
         let even = [[1.0, 100.0], [100.0, 1.0], [1.0, 100.0], [100.0, 1.0]].map(|variance| tile(variance, 1.0));
-        let Allocated { doublings: found, efficiency, .. } = allocated(&even, 1);
-        assert!(
-            found == [0; 4] && efficiency.remaining > 1.0 && efficiency.range == [1.0; 2],
-            "{found:?} {efficiency:?}"
-        );
+        let Allocated { doublings: found, stats, .. } = allocated(&even, 1);
+        assert!(found == [0; 4] && stats.remaining > Some(1.0) && !stats.on, "{found:?} {stats:?}");
         let differ = [tile([1.0, 1.1], 1.0), tile([1.0, 0.9], 1.0), tile([36.0, 33.0], 1.0), tile([36.0, 40.0], 1.0)];
-        let Allocated { doublings: found, efficiency, .. } = allocated(&differ, 1);
-        assert!(found == [-1, -1, 0, 1] && efficiency.remaining < 0.8, "{found:?} {efficiency:?}");
-        let Allocated { doublings: black, efficiency, .. } = allocated(&[tile([0.0; 2], 1.0); 4], 2);
-        assert!(black == [0; 4] && efficiency.remaining == 1.0);
+        let Allocated { doublings: found, stats, .. } = allocated(&differ, 1);
+        assert!(found == [-1, -1, 0, 1] && stats.remaining < Some(0.8) && stats.on, "{found:?} {stats:?}");
+        let Allocated { doublings: black, stats, .. } = allocated(&[tile([0.0; 2], 1.0); 4], 2);
+        assert!(black == [0; 4] && stats.remaining == Some(1.0));
     }
 }

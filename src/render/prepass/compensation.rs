@@ -7,11 +7,12 @@ use std::time::Instant;
 
 use tracing::debug;
 
-use super::super::techniques::CompensationStats;
-use super::super::{Choice, RenderSettings};
+use super::super::RenderSettings;
+use super::super::decisions::TechniqueStats;
+use super::super::techniques::{Choice, Technique};
 use super::effort::{self, MAX_REMAINING_COMPENSATED};
 use super::low_resolution::low_resolution;
-use super::rounds::{Round, RoundPixel, Wanted, trace};
+use super::rounds::{Decided, Round, RoundPixel, Wanted, trace};
 use crate::film::compare::{relative_to, sums_without_outliers};
 use crate::integrator::{PreparedScene, Proposal, Transport};
 use crate::light::{Density, LightProposal};
@@ -20,39 +21,58 @@ use crate::sampling::hash;
 /// Paths per pixel of the pre-pass, for each density.
 const PATHS_PER_PIXEL: u32 = 16;
 
-/// Decides by which density the paths of `transport`, a render with these settings, sample the environment. `None` where
-/// there is nothing to decide: the density is then the radiance. Ends soon after `stop` is raised.
-pub fn compensation(
-    scene: &PreparedScene,
-    settings: &RenderSettings,
-    transport: &Transport,
-    stop: &AtomicBool,
-) -> Option<CompensationStats> {
-    let began = Instant::now();
-    let uneven = || scene.lights.environment.as_ref().is_some_and(|environment| environment.has_compensated());
-    // The table of the compensated density is as large as the plain one: it is made only where it may be used.
-    if !settings.uses_prepass(settings.compensation) || !uneven() {
-        return None;
+/// Is the environment sampled by the compensated density?
+pub struct Compensation(TechniqueStats);
+
+impl Decided for Compensation {
+    fn stats(&self) -> (Technique, TechniqueStats) {
+        (Technique::Compensation, self.0)
     }
-    if settings.compensation == Choice::On {
-        return Some(CompensationStats { on: true, remaining_variance: None, seconds: 0.0 });
+
+    fn apply<'a>(&'a self, proposal: Proposal<'a>) -> Proposal<'a> {
+        let density = if self.0.on { Density::Compensated } else { Density::Radiance };
+        Proposal { lights: LightProposal { density, ..proposal.lights }, ..proposal }
     }
-    let ([width, height], camera) = low_resolution(scene, settings, effort::COMPENSATION.pixels(settings.pixels()));
-    let [plain, compensated] = [Density::Radiance, Density::Compensated].map(|density| {
-        let seed = hash(settings.seed ^ hash(0x736b_7921));
-        let lights = LightProposal { density, ..transport.proposal.lights };
-        let proposal = Proposal { lights, ..transport.proposal };
-        let transport = Transport { camera: camera.clone(), seed, proposal, ..transport.clone() };
-        trace(&transport, [width, height], (0, PATHS_PER_PIXEL), Wanted::default(), stop)
-    });
-    let remaining = remaining_variance(&plain?, &compensated?);
-    debug!("the environment's compensated density leaves {remaining:.2} of the variance, by {width} x {height} pixels");
-    Some(CompensationStats {
-        on: remaining < MAX_REMAINING_COMPENSATED,
-        // Infinite where nothing varies.
-        remaining_variance: Some(if remaining.is_finite() { remaining } else { 1.0 }),
-        seconds: began.elapsed().as_secs_f64(),
-    })
+}
+
+impl Compensation {
+    /// Decides by which density the paths of `transport`, a render with these settings, sample the environment. `None` where
+    /// there is nothing to decide: the density is then the radiance. Ends soon after `stop` is raised.
+    pub fn decide(
+        scene: &PreparedScene,
+        settings: &RenderSettings,
+        transport: &Transport,
+        stop: &AtomicBool,
+    ) -> Option<Self> {
+        let began = Instant::now();
+        let uneven = || scene.lights.environment.as_ref().is_some_and(|environment| environment.has_compensated());
+        // The table of the compensated density is as large as the plain one: it is made only where it may be used.
+        if !settings.asks_for(Technique::Compensation) || !uneven() {
+            return None;
+        }
+        if settings.techniques[Technique::Compensation] == Choice::On {
+            return Some(Self(TechniqueStats { on: true, ..Default::default() }));
+        }
+        let ([width, height], camera) = low_resolution(scene, settings, effort::COMPENSATION.pixels(settings.pixels()));
+        let [plain, compensated] = [Density::Radiance, Density::Compensated].map(|density| {
+            let seed = hash(settings.seed ^ hash(0x736b_7921));
+            let lights = LightProposal { density, ..transport.proposal.lights };
+            let proposal = Proposal { lights, ..transport.proposal };
+            let transport = Transport { camera: camera.clone(), seed, proposal, ..transport.clone() };
+            trace(&transport, [width, height], (0, PATHS_PER_PIXEL), Wanted::default(), stop)
+        });
+        let remaining = remaining_variance(&plain?, &compensated?);
+        debug!(
+            "the environment's compensated density leaves {remaining:.2} of the variance, by {width} x {height} pixels"
+        );
+        Some(Self(TechniqueStats {
+            on: remaining < MAX_REMAINING_COMPENSATED,
+            // Infinite where nothing varies.
+            remaining: Some(if remaining.is_finite() { remaining } else { 1.0 }),
+            seconds: began.elapsed().as_secs_f64(),
+            ..Default::default()
+        }))
+    }
 }
 
 /// Relative variance with the compensated density over that with the plain one, over the pixels of two rounds. Infinite if the

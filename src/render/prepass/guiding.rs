@@ -6,12 +6,13 @@ use std::time::Instant;
 
 use tracing::debug;
 
+use super::super::RenderSettings;
+use super::super::decisions::TechniqueStats;
 use super::super::settings::GUIDING_MEMORY;
-use super::super::techniques::{GuidingEfficiency, GuidingStats};
-use super::super::{Choice, RenderSettings};
+use super::super::techniques::{Choice, Technique};
 use super::comparison::{self, Compared};
 use super::effort::{self, MAX_TIME_SHARE};
-use super::rounds::{self, Learner, Round, Wanted};
+use super::rounds::{self, Decided, Learner, Round, Wanted};
 use crate::guiding::{Field, PathStatistics, TrainingSample, VertexRecord, learn};
 use crate::integrator::{PreparedScene, Proposal, Transport};
 
@@ -55,46 +56,6 @@ fn count<T>(parts: &[Vec<T>]) -> usize {
     parts.iter().map(Vec::len).sum()
 }
 
-/// The result of the pre-pass.
-#[derive(Debug)]
-pub struct Learned {
-    /// The field of incident light; `None` where guiding would not reduce the variance enough.
-    pub field: Option<Field>,
-    /// Its estimated efficiency.
-    pub efficiency: GuidingEfficiency,
-    /// Wall seconds.
-    pub seconds: f64,
-}
-
-impl Learned {
-    /// With `--guiding auto`, compares guided and unguided paths and gives the field up if too much remains. Where the
-    /// estimate leaves no doubt, nothing is rendered; the estimate counts too where a time limit leaves too little time.
-    pub(super) fn compare(&mut self, settings: &RenderSettings, unguided: &Transport, stop: &AtomicBool) {
-        let certain = self.efficiency.remaining() <= effort::MAX_REMAINING_CERTAIN;
-        if self.field.is_none() || settings.guiding != Choice::Auto || certain {
-            return;
-        }
-        let began = Instant::now();
-        let stopped = || stop.load(Ordering::Relaxed) || effort::is_late(settings, began);
-        let guided = Transport { proposal: unguided.proposal.guided(self.field.as_ref()), ..unguided.clone() };
-        if let Some(Compared { variance, rays }) = comparison::compare(settings, &guided, unguided, stopped) {
-            let [variance, cost] = [variance, rays].map(|v| v as f32);
-            self.efficiency = GuidingEfficiency { variance, cost, ..self.efficiency };
-            debug!("compared with unguided paths: {:?}", self.efficiency);
-            if self.efficiency.remaining() > effort::MAX_REMAINING_COMPARED {
-                self.field = None;
-            }
-        }
-        self.seconds += began.elapsed().as_secs_f64();
-    }
-
-    /// Its statistics, for reports.
-    pub fn stats(&self) -> GuidingStats {
-        let (cells, bytes) = self.field.as_ref().map_or((0, 0), |field| (field.cells(), field.bytes()));
-        GuidingStats { on: self.field.is_some(), cells, bytes, efficiency: self.efficiency, seconds: self.seconds }
-    }
-}
-
 /// Learns from the rounds of a pre-pass.
 pub struct GuidingLearner {
     /// Is the field used whatever it leaves?
@@ -116,13 +77,16 @@ pub struct GuidingLearner {
     /// Rays per path of the first round, which is unguided.
     unguided: Option<f64>,
     finished: bool,
-    result: Learned,
+    /// The field of incident light; `None` where guiding would not reduce the variance enough.
+    pub field: Option<Field>,
+    /// What was found, without what concerns the field itself.
+    pub stats: TechniqueStats,
 }
 
 impl GuidingLearner {
     /// Begins to learn; `None` where the settings turn guiding off or there is no indirect light.
     pub fn new(scene: &PreparedScene, settings: &RenderSettings, transport: &Transport) -> Option<Self> {
-        if !settings.guides() || transport.max_depth < 3 {
+        if !settings.asks_for(Technique::Guiding) || transport.max_depth < 3 {
             return None;
         }
         let most = settings.guiding_memory.unwrap_or(GUIDING_MEMORY) as f64;
@@ -134,7 +98,7 @@ impl GuidingLearner {
         let max_vertex_records = (most / 8.0 / size_of::<VertexRecord>() as f64)
             .min(VERTEX_RECORDS_PER_SUFFICIENT_SAMPLE * sufficient) as usize;
         Some(Self {
-            always: settings.guiding == Choice::On,
+            always: settings.techniques[Technique::Guiding] == Choice::On,
             max_seconds: settings.time.map(|time| MAX_TIME_SHARE * time),
             picture_pixels,
             max: Wanted {
@@ -150,13 +114,33 @@ impl GuidingLearner {
             training_samples: Vec::new(),
             unguided: None,
             finished: false,
-            result: Learned { field: None, efficiency: GuidingEfficiency::default(), seconds: 0.0 },
+            field: None,
+            stats: TechniqueStats::default(),
         })
     }
 
-    /// What was learned.
-    pub fn result(self) -> Learned {
-        self.result
+    /// Sets what the field leaves; returns the fraction of variance times rays.
+    fn set_efficiency(&mut self, [variance, cost]: [f32; 2]) -> f32 {
+        let remaining = Some(f64::from(variance * cost));
+        self.stats = TechniqueStats { remaining, variance: Some(variance), cost: Some(cost), ..self.stats };
+        variance * cost
+    }
+
+    /// Ends learning, and frees the training samples.
+    fn finish_with(&mut self, field: Option<Field>) {
+        (self.field, self.training_samples, self.finished) = (field, Vec::new(), true);
+    }
+}
+
+impl Decided for GuidingLearner {
+    fn stats(&self) -> (Technique, TechniqueStats) {
+        let (cells, bytes) = self.field.as_ref().map_or((0, 0), |field| (field.cells(), field.bytes()));
+        let (on, cells, bytes) = (self.field.is_some(), Some(cells), Some(bytes));
+        (Technique::Guiding, TechniqueStats { on, cells, bytes, ..self.stats })
+    }
+
+    fn apply<'a>(&'a self, proposal: Proposal<'a>) -> Proposal<'a> {
+        proposal.guided(self.field.as_ref())
     }
 }
 
@@ -171,7 +155,7 @@ impl Learner for GuidingLearner {
     }
 
     fn learn(&mut self, round: &mut Round, seconds: f64) {
-        self.result.seconds += seconds;
+        self.stats.seconds += seconds;
         let pixels = round.pixels.len() as f64;
         let cost = round.rays as f64 / round.all_paths();
         let unguided = *self.unguided.get_or_insert(cost);
@@ -182,7 +166,7 @@ impl Learner for GuidingLearner {
         let all = pixels * f64::from(4 * round.paths - 1);
         let suffices = count(&self.training_samples) as f64 >= self.sufficient;
         let last = round.number + 1 == MAX_ROUNDS
-            || self.max_seconds.is_some_and(|most| 3.0 * self.result.seconds > most)
+            || self.max_seconds.is_some_and(|most| 3.0 * self.stats.seconds > most)
             || all > (self.max_paths * self.picture_pixels).max(15.0 * pixels)
             || suffices;
         let decides = last || (FIRST_DECISION_ROUND..=LAST_DECISION_ROUND).contains(&round.number);
@@ -192,13 +176,9 @@ impl Learner for GuidingLearner {
         let variances = round.pixels.iter().map(|pixel| pixel.relative_variance()).filter(|v| v.is_finite());
         let variance: f64 = variances.sum();
         if decides {
-            let efficiency = GuidingEfficiency {
-                variance: gain.variance(variance),
-                cost: (cost / unguided) as f32,
-                share: gain.guiding_probability,
-            };
-            self.result.efficiency = efficiency;
-            debug!("round {}: {} cells, {efficiency:?}, {gain:?}", round.number, field.cells());
+            self.stats.share = Some(gain.guiding_probability);
+            let remaining = self.set_efficiency([gain.variance(variance), (cost / unguided) as f32]);
+            debug!("round {}: {} cells, {:?}, {gain:?}", round.number, field.cells(), self.stats);
             let most = match (last, suffices) {
                 (true, true) => effort::MAX_REMAINING_GUIDED,
                 (true, false) => effort::MAX_REMAINING_GUIDED_BY_FEW,
@@ -206,10 +186,8 @@ impl Learner for GuidingLearner {
                 _ if gain.standard_error > effort::UNCERTAIN_STANDARD_ERROR => effort::MAX_REMAINING_UNCERTAIN,
                 _ => effort::MAX_REMAINING_AT_FIRST_DECISION,
             };
-            if !self.always && efficiency.remaining() > most && (last || !few) {
-                self.result.field = None;
-                self.finished = true;
-                return;
+            if !self.always && remaining > most && (last || !few) {
+                return self.finish_with(None);
             }
         }
         // One path per pixel has no variance.
@@ -218,12 +196,27 @@ impl Learner for GuidingLearner {
             let all = PathStatistics { cost, variance: variance / round.all_paths(), inverse: inverse / pixels };
             field.learn_roulette(round.vertex_records.iter().flatten(), all);
         }
-        self.result.field = Some(field);
-        self.finished = last;
+        if last { self.finish_with(Some(field)) } else { self.field = Some(field) }
     }
 
-    fn apply<'a>(&'a self, proposal: Proposal<'a>) -> Proposal<'a> {
-        proposal.guided(self.result.field.as_ref())
+    /// Compares guided and unguided paths and gives the field up if too much remains. Where the estimate leaves no doubt, nothing
+    /// is rendered; the estimate counts too where a time limit leaves too little time.
+    fn compare(&mut self, settings: &RenderSettings, unguided: &Transport, stop: &AtomicBool) {
+        let certain = self.stats.remaining.is_some_and(|left| left <= f64::from(effort::MAX_REMAINING_CERTAIN));
+        if self.field.is_none() || self.always || certain {
+            return;
+        }
+        let began = Instant::now();
+        let stopped = || stop.load(Ordering::Relaxed) || effort::is_late(settings, began);
+        let guided = Transport { proposal: self.apply(unguided.proposal), ..unguided.clone() };
+        if let Some(Compared { variance, rays }) = comparison::compare(settings, &guided, unguided, stopped) {
+            let remaining = self.set_efficiency([variance, rays].map(|v| v as f32));
+            debug!("compared with unguided paths: {:?}", self.stats);
+            if remaining > effort::MAX_REMAINING_COMPARED {
+                self.field = None;
+            }
+        }
+        self.stats.seconds += began.elapsed().as_secs_f64();
     }
 }
 
@@ -234,10 +227,9 @@ pub fn learned(
     settings: &RenderSettings,
     transport: &Transport,
     stop: &AtomicBool,
-) -> Option<Learned> {
+) -> Option<GuidingLearner> {
     let mut learner = GuidingLearner::new(scene, settings, transport)?;
     rounds::run(scene, settings, transport, &mut [&mut learner], stop)?;
-    let mut learned = learner.result();
-    learned.compare(settings, transport, stop);
-    Some(learned)
+    learner.compare(settings, transport, stop);
+    Some(learner)
 }

@@ -16,78 +16,78 @@ mod visible_emission;
 use std::sync::atomic::AtomicBool;
 
 use super::RenderSettings;
-use super::techniques::{CompensationStats, TechniqueStats};
+use super::decisions::Found;
 use super::transport::transport;
-use crate::integrator::{PreparedScene, Proposal, Transport};
-use crate::light::{Density, LightProposal};
+use crate::integrator::{PreparedScene, Transport};
 use crate::scene::Scene;
+use allocation::Allocation;
+use compensation::Compensation;
 use guiding::GuidingLearner;
 use learned_lights::LightsLearner;
-use rounds::Learner;
+use rounds::{Decided, Learner};
 
 /// The results of a render's pre-passes.
-#[derive(Debug, Default)]
-pub struct Prepasses {
-    /// Whether the environment is sampled by the compensated density.
-    pub compensation: Option<CompensationStats>,
-    /// Learned emissive triangles.
-    pub learned_lights: Option<learned_lights::LearnedLightsResult>,
-    /// The field of guiding.
-    pub guiding: Option<guiding::Learned>,
+#[derive(Default)]
+pub struct Prepasses<'s> {
+    decided: Vec<Box<dyn Decided + 's>>,
+    /// Paths of each tile, if they have their own numbers.
+    pub allocation: Option<Allocation>,
 }
 
-impl Prepasses {
+impl<'s> Prepasses<'s> {
     /// Runs the pre-passes that `settings` ask for. First the density of the environment is chosen, then the paths of the same
-    /// rounds teach all learners. The results mean nothing if `stop` is raised: the rest then ends within a tile's time.
-    pub fn run(scene: &PreparedScene, settings: &RenderSettings, stop: &AtomicBool) -> Self {
+    /// rounds teach all learners, then paths are allocated. The results mean nothing if `stop` is raised: the rest then ends
+    /// within a tile's time.
+    pub fn run(scene: &'s PreparedScene, settings: &RenderSettings, stop: &AtomicBool) -> Self {
         let mut found = Self::default();
+        let plain = transport(scene, settings);
         // Paths end at unlit surfaces, and in a scene without light they find nothing: there is nothing to sample better.
         let Scene { instances, materials, .. } = &*scene.scene;
-        if instances.is_empty() || materials.iter().all(|material| material.unlit) || !scene.scene.is_lit() {
-            return found;
+        if !instances.is_empty() && materials.iter().any(|material| !material.unlit) && scene.scene.is_lit() {
+            found.learn(scene, settings, &plain, stop);
         }
-        found.compensation =
-            compensation::compensation(scene, settings, &found.apply(transport(scene, settings)), stop);
-        let untaught = found.apply(transport(scene, settings));
-        let mut lights = LightsLearner::new(scene, settings);
-        let mut guiding = GuidingLearner::new(scene, settings, &untaught);
-        let learners =
-            [lights.as_mut().map(|l| l as &mut dyn Learner), guiding.as_mut().map(|l| l as &mut dyn Learner)];
-        let mut learners: Vec<_> = learners.into_iter().flatten().collect();
-        if rounds::run(scene, settings, &untaught, &mut learners, stop).is_some() {
-            found.learned_lights = lights.map(LightsLearner::result);
-            let mut guiding = guiding.map(GuidingLearner::result);
-            if let Some(guiding) = &mut guiding {
-                guiding.compare(settings, &found.apply(transport(scene, settings)), stop);
-            }
-            found.guiding = guiding;
+        let allocation = Allocation::new(&found.apply(plain), settings, stop);
+        Self { allocation, ..found }
+    }
+
+    /// Decides how lights and directions are sampled.
+    fn learn(&mut self, scene: &'s PreparedScene, settings: &RenderSettings, plain: &Transport, stop: &AtomicBool) {
+        if let Some(decided) = Compensation::decide(scene, settings, plain, stop) {
+            self.decided.push(Box::new(decided));
         }
-        found
+        let untaught = self.apply(plain.clone());
+        let mut learners: Vec<Box<dyn Learner + 's>> = Vec::new();
+        LightsLearner::new(scene, settings).into_iter().for_each(|learner| learners.push(Box::new(learner)));
+        GuidingLearner::new(scene, settings, plain).into_iter().for_each(|learner| learners.push(Box::new(learner)));
+        let mut all: Vec<_> = learners.iter_mut().map(|learner| &mut **learner as &mut dyn Learner).collect();
+        if rounds::run(scene, settings, &untaught, &mut all, stop).is_none() {
+            return;
+        }
+        for i in 0..learners.len() {
+            let (before, rest) = learners.split_at_mut(i);
+            let Some((own, after)) = rest.split_first_mut() else { break };
+            let others = before.iter().chain(after.iter());
+            let proposal = others.fold(untaught.proposal, |proposal, other| other.apply(proposal));
+            own.compare(settings, &Transport { proposal, ..untaught.clone() }, stop);
+        }
+        self.decided.extend(learners.into_iter().map(|learner| learner as Box<dyn Decided>));
+    }
+
+    fn all(&self) -> impl Iterator<Item = &dyn Decided> {
+        let allocation = self.allocation.iter().map(|allocation| allocation as &dyn Decided);
+        self.decided.iter().map(|decided| &**decided as &dyn Decided).chain(allocation)
     }
 
     /// What they found, for reports.
-    pub fn stats(&self) -> TechniqueStats {
-        TechniqueStats {
-            compensation: self.compensation,
-            learned_lights: self.learned_lights.as_ref().map(|found| found.stats),
-            guiding: self.guiding.as_ref().map(|guiding| guiding.stats()),
-            adaptive: None,
-        }
+    pub fn stats(&self) -> Found {
+        let mut found = Found::default();
+        self.all().map(Decided::stats).for_each(|(technique, stats)| found[technique] = Some(stats));
+        found
     }
 
     /// The transport with these results.
     pub fn apply<'a>(&'a self, transport: Transport<'a>) -> Transport<'a> {
-        let density = match self.compensation {
-            Some(CompensationStats { on: true, .. }) => Density::Compensated,
-            _ => Density::Radiance,
-        };
-        let lights = LightProposal {
-            density,
-            learned: self.learned_lights.as_ref().and_then(|found| found.lights.as_ref()),
-            ..transport.proposal.lights
-        };
-        let proposal = Proposal { lights, ..transport.proposal };
-        let proposal = self.guiding.as_ref().map_or(proposal, |guiding| proposal.guided(guiding.field.as_ref()));
+        let proposal = self.all().fold(transport.proposal, |proposal, decided| decided.apply(proposal));
         Transport { proposal, ..transport }
     }
 }

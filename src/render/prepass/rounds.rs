@@ -5,7 +5,9 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use super::super::RenderSettings;
+use super::super::decisions::TechniqueStats;
 use super::super::sampler::PATHS_PER_WAVE;
+use super::super::techniques::Technique;
 use super::low_resolution::{divisors, in_tiles, low_resolution, tiles};
 use crate::color::luminance;
 use crate::film::PixelStats;
@@ -15,8 +17,17 @@ use crate::integrator::{PixelSums, PixelTask, PreparedScene, Proposal, Transport
 use crate::light::LightSampleRecord;
 use crate::sampling::hash;
 
+/// A technique that a pre-pass decides about.
+pub trait Decided {
+    /// What the pre-pass has found.
+    fn stats(&self) -> (Technique, TechniqueStats);
+
+    /// The proposal with this technique, where it is used.
+    fn apply<'a>(&'a self, proposal: Proposal<'a>) -> Proposal<'a>;
+}
+
 /// Something that learns from paths how to sample them better.
-pub trait Learner {
+pub trait Learner: Decided {
     /// Pixels of the low-resolution picture that it needs at least.
     fn pixels(&self) -> f64;
 
@@ -27,8 +38,9 @@ pub trait Learner {
     /// divided by the number of learners.
     fn learn(&mut self, round: &mut Round, seconds: f64);
 
-    /// The proposal with what it knows.
-    fn apply<'a>(&'a self, proposal: Proposal<'a>) -> Proposal<'a>;
+    /// Compares, after the last round, paths with what it has learned to those of `without`, and may give it up. Ends soon after
+    /// `stop` is raised.
+    fn compare(&mut self, _settings: &RenderSettings, _without: &Transport, _stop: &AtomicBool) {}
 }
 
 /// Maximum numbers of records of a round; 0 for those that are not needed.

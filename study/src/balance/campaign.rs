@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Instant;
 
-use bismar::render::{Choice, Progress, RenderSettings, RunOptions, StopReason, StudyOptions, run};
+use bismar::render::{Progress, RenderSettings, RunOptions, StopReason, StudyOptions, Technique, run};
 use bismar::{Error, Result};
 use tracing::info;
 
@@ -225,15 +225,9 @@ impl<'a> Campaign<'a> {
     }
 
     fn take(&self, take: Take) -> Result<Replica> {
-        let (balance, aids) = take.estimator.parts();
-        let settings = RenderSettings {
-            spp: Some(take.spp),
-            seed: take.seed,
-            balance,
-            guiding: if aids.guided { Choice::Auto } else { Choice::Off },
-            adaptive: if aids.adaptive { Choice::Auto } else { Choice::Off },
-            ..self.settings.clone()
-        };
+        let (balance, techniques) = take.estimator.parts();
+        let settings =
+            RenderSettings { spp: Some(take.spp), seed: take.seed, balance, techniques, ..self.settings.clone() };
         let study = StudyOptions {
             light_shares: take.shares.map(|shares| self.mosaic.spread(&shares)),
             max_passes: take.passes,
@@ -257,8 +251,8 @@ impl<'a> Campaign<'a> {
             cpu: process_seconds() - cpu,
             wall: wall.elapsed().as_secs_f64(),
             half_cpu: None,
-            prepass: rendered.stats.techniques.guiding.as_ref().map(Prepass::of),
-            allocation: rendered.stats.techniques.adaptive.map(|adaptive| adaptive.efficiency.remaining),
+            prepass: rendered.stats.techniques[Technique::Guiding].as_ref().map(Prepass::of),
+            allocation: rendered.stats.techniques[Technique::Adaptive].and_then(|adaptive| adaptive.remaining),
         };
         self.rays.fetch_add(rendered.stats.rays(), Ordering::Relaxed);
         if rendered.stop == StopReason::Interrupted {

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use bismar::render::techniques::GuidingStats;
+use bismar::render::TechniqueStats;
 use bismar::{Error, Result};
 use serde::{Deserialize, Serialize};
 
@@ -44,8 +44,8 @@ pub struct Prepass {
 }
 
 impl Prepass {
-    pub fn of(stats: &GuidingStats) -> Self {
-        Self { on: stats.on, variance: stats.efficiency.variance, seconds: stats.seconds }
+    pub fn of(stats: &TechniqueStats) -> Self {
+        Self { on: stats.on, variance: stats.variance.unwrap_or(1.0), seconds: stats.seconds }
     }
 }
 

@@ -24,7 +24,8 @@ use std::path::PathBuf;
 
 use bismar::Result;
 use bismar::balance::Balance;
-use bismar::render::Integrator;
+use bismar::render::{Choice, Choices, Integrator, Technique};
+use serde_json::Value;
 
 pub use measure::{Measured, measure};
 pub use mosaic::Mosaic;
@@ -81,8 +82,8 @@ impl Design {
     }
 
     pub fn reference(&self) -> Estimator {
-        let guided = self.whole && self.estimators.iter().any(|e| e.parts().1.guided);
-        if guided { Estimator::Aided(Balance::Half, Aids { guided, adaptive: false }) } else { HALF }
+        let guided = self.whole && self.estimators.iter().any(|e| e.is_guided());
+        if guided { Estimator::named("half+guiding").unwrap_or(HALF) } else { HALF }
     }
 }
 
@@ -90,28 +91,22 @@ impl Design {
 pub enum Estimator {
     /// One of `--balance`.
     Method(Balance),
-    /// One of `--balance` with further options.
-    Aided(Balance, Aids),
+    /// One of `--balance` with other techniques than settings have that name none.
+    With(Balance, Choices),
     /// The best fixed share of each pixel, found by brute force beforehand: the limit, not a method.
     Oracle,
 }
 
-/// Options that are combined with a balance, at least one.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Aids {
-    /// `--guiding auto`.
-    pub guided: bool,
-    /// `--adaptive`.
-    pub adaptive: bool,
-}
-
-impl Aids {
-    /// All combinations, with the suffixes of their names.
-    pub const ALL: [(Self, &str); 3] = [
-        (Self { guided: true, adaptive: false }, "+guiding"),
-        (Self { guided: false, adaptive: true }, "+adaptive"),
-        (Self { guided: true, adaptive: true }, "+guiding+adaptive"),
-    ];
+/// The choices that `text` makes, as in `+guiding-compensation`; `None` if there is no such technique.
+fn choices(mut text: &str) -> Option<Choices> {
+    let mut choices = Choices::unnamed();
+    while let Some(sign) = text.chars().next() {
+        let flag = text.strip_prefix(['+', '-'])?;
+        let technique = Technique::ALL.into_iter().find(|technique| flag.starts_with(technique.row().flag))?;
+        choices[technique] = if sign == '+' { Choice::Auto } else { Choice::Off };
+        text = &flag[technique.row().flag.len()..];
+    }
+    Some(choices)
 }
 
 pub const HALF: Estimator = Estimator::Method(Balance::Half);
@@ -127,26 +122,34 @@ impl Estimator {
     pub fn name(self) -> String {
         match self {
             Estimator::Method(balance) => balance.name().to_owned(),
-            Estimator::Aided(balance, aids) => {
-                let words = Aids::ALL.iter().find(|(own, _)| *own == aids).map_or("", |(_, words)| words);
-                format!("{}{words}", balance.name())
+            Estimator::With(balance, choices) => {
+                let sign = |choice: &Value| if *choice == "off" { '-' } else { '+' };
+                let words =
+                    choices.named().map(|(technique, choice)| format!("{}{}", sign(&choice), technique.row().flag));
+                words.fold(balance.name().to_owned(), |name, word| name + &word)
             }
             Estimator::Oracle => "oracle".to_owned(),
         }
     }
 
+    /// The estimator of this name. After a balance, `+` and `-` add and leave out techniques: `progressive+guiding-compensation`.
     pub fn named(name: &str) -> Option<Self> {
-        let aided = |&balance| Aids::ALL.map(|(aids, _)| Self::Aided(balance, aids));
-        Self::all().into_iter().chain(Balance::all().iter().flat_map(aided)).find(|e| e.name() == name)
+        let with = |balance: &Balance| Some(Self::With(*balance, choices(name.strip_prefix(balance.name())?)?));
+        Self::all().into_iter().find(|e| e.name() == name).or_else(|| Balance::all().iter().find_map(with))
     }
 
-    /// Balance and further options.
-    pub fn parts(self) -> (Balance, Aids) {
+    /// Balance and techniques.
+    pub fn parts(self) -> (Balance, Choices) {
         match self {
-            Self::Method(balance) => (balance, Aids::default()),
-            Self::Aided(balance, aids) => (balance, aids),
-            Self::Oracle => (Balance::Half, Aids::default()),
+            Self::Method(balance) => (balance, Choices::unnamed()),
+            Self::With(balance, choices) => (balance, choices),
+            Self::Oracle => (Balance::Half, Choices::unnamed()),
         }
+    }
+
+    /// Are its paths guided where that pays?
+    pub fn is_guided(self) -> bool {
+        self.parts().1[Technique::Guiding] != Choice::Off
     }
 
     /// The balance shown next to `half`: the default, if it is studied.

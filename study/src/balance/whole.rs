@@ -12,7 +12,7 @@ use super::cell::{Cell, Prepass, Timing};
 use super::key::{Key, What};
 use super::measure::Measured;
 use super::table::{bias_z, rel_mse, relative_squares};
-use super::{Aids, Design, Estimator, HALF, StudyScene};
+use super::{Design, Estimator, HALF, StudyScene};
 use crate::statistics::{mean_of, moments};
 
 /// A line of the table. `_se` is a standard error.
@@ -90,8 +90,7 @@ impl SceneResults {
             _ => None,
         };
         let (rows, pictures) = (measured.cells.iter().filter_map(rows), measured.cells.iter().filter_map(pictures));
-        let guided = |e: &Estimator| matches!(e, Estimator::Aided(_, Aids { guided: true, .. }));
-        let field = design.estimators.iter().any(guided).then(|| field::seen(scene, most)).flatten();
+        let field = design.estimators.iter().any(|e| e.is_guided()).then(|| field::seen(scene, most)).flatten();
         Self { name: scene.name.clone(), rows: rows.collect(), pictures: pictures.collect(), field, reference }
     }
 

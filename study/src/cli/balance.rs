@@ -7,12 +7,12 @@ use std::time::Instant;
 use bismar::Result;
 use bismar::cli::flag_values::value_of;
 use bismar::console::{Signals, Size, Verbosity, Verdict, print, say};
-use bismar::render::{Balance, Integrator, Progress};
+use bismar::render::{Integrator, Progress};
 use clap::Args;
 
 use super::common::{PAGE, RunArgs, open};
 use crate::balance::table::{Level, Outcome, levels};
-use crate::balance::{Aids, Design, Estimator, SceneResults, StudyScene, measure, portrait, whole, write};
+use crate::balance::{Design, Estimator, SceneResults, StudyScene, measure, portrait, whole, write};
 
 /// Measure the error of each --balance against a converged reference.
 ///
@@ -28,7 +28,8 @@ pub(super) struct BalanceArgs {
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
     /// Estimators to compare with half, separated by commas, or all. oracle is the best fixed share of light samples per
-    /// pixel, found by brute force; NAME+guiding and NAME+adaptive add --guiding auto and --adaptive=auto.
+    /// pixel, found by brute force; NAME+guiding and NAME+adaptive add --guiding auto and --adaptive=auto, NAME-compensation
+    /// and NAME-learned-lights turn these off.
     #[arg(long, value_name = "LIST")]
     balance: Option<Estimators>,
     /// Paths per pixel, separated by commas [default: 16,64,256; with --whole also 1024].
@@ -109,11 +110,10 @@ impl BalanceArgs {
         let estimators = match &self.balance {
             Some(list) => list.0.clone(),
             None if whole => {
-                let here = |aids: &Aids| integrator == Integrator::Path || !aids.guided;
-                let both = [Balance::Half, Balance::Progressive];
-                let aided = Aids::ALL.map(|(aids, _)| aids).into_iter().filter(here);
-                let aided = aided.flat_map(|aids| both.map(|balance| Estimator::Aided(balance, aids)));
-                both.map(Estimator::Method).into_iter().chain(aided).collect()
+                let with = ["", "+guiding", "+adaptive", "+guiding+adaptive"].into_iter();
+                let here = with.filter(|with| integrator == Integrator::Path || !with.contains("guiding"));
+                let names = here.flat_map(|with| ["half", "progressive"].map(|name| format!("{name}{with}")));
+                names.filter_map(|name| Estimator::named(&name)).collect()
             }
             None if quick => ["second-order", "progressive"].into_iter().filter_map(Estimator::named).collect(),
             None => Estimator::all(),

@@ -6,7 +6,7 @@ use bismar::guiding::Field;
 use bismar::lanes::{F, LANES, V3, mask};
 use bismar::rays::{HitBatch, MISS, RayBatch, RayOrder};
 use bismar::render::prepass::guiding::learned;
-use bismar::render::{Guiding, RenderSettings, camera, transport};
+use bismar::render::{Choice, RenderSettings, Technique, camera, transport};
 use glam::Vec3;
 
 use crate::balance::StudyScene;
@@ -25,7 +25,8 @@ const SIDE: usize = 16;
 
 /// The field that a pre-pass for `spp` paths a pixel learns, if it decides for guiding.
 pub fn seen(scene: &StudyScene, spp: u32) -> Option<FieldPicture> {
-    let settings = RenderSettings { guiding: Guiding::Auto, spp: Some(spp), ..scene.settings.clone() };
+    let settings = scene.settings.clone().with(Technique::Guiding, Choice::Auto);
+    let settings = RenderSettings { spp: Some(spp), ..settings };
     let transport = transport(&scene.scene, &settings);
     let field = learned(&scene.scene, &settings, &transport, &AtomicBool::new(false))?.field?;
     let camera = camera(&scene.scene.scene, &settings);

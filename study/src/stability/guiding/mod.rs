@@ -13,7 +13,7 @@ use bismar::balance::Counts;
 use bismar::film::PixelStats;
 use bismar::guiding::Field;
 use bismar::integrator::{PixelSums, PixelTask, PreparedScene, Transport, Wave};
-use bismar::render::{Guiding, transport};
+use bismar::render::{Choice, transport};
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -84,7 +84,7 @@ fn green(pixel: &PixelStats) -> f64 {
 
 /// Renders the window's pixels with [`settings`] and a number of paths per pixel, guided by `field`.
 pub fn pixels(scene: &PreparedScene, field: Option<&Field>, seed: u32, paths: u32) -> Vec<PixelStats> {
-    let transport = transport(scene, &settings(seed, Guiding::Off));
+    let transport = transport(scene, &settings(seed, Choice::Off));
     let transport = Transport { proposal: transport.proposal.guided(field), ..transport };
     let [x0, y0, x1, y1] = WINDOW;
     let places = (y0..y1).flat_map(|y| (x0..x1).map(move |x| [x, y]));
@@ -116,10 +116,10 @@ impl Case {
             }
             let seeds = first..(first + REPLICAS_PER_PREPASS).min(replicas);
             let of = |guiding| field(&self.scene, &settings(first, guiding));
-            let own = self.renders(of(Guiding::On).as_ref(), seeds.clone(), stop);
+            let own = self.renders(of(Choice::On).as_ref(), seeds.clone(), stop);
             all.green.extend(own.green);
             all.shares.extend(own.shares);
-            let chosen = of(Guiding::Auto).is_some();
+            let chosen = of(Choice::Auto).is_some();
             auto.extend(seeds.map(|_| chosen));
         }
         (all, auto)

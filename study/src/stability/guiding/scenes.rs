@@ -9,7 +9,7 @@ use bismar::guiding::{Field, TrainingSample, learn};
 use bismar::integrator::PreparedScene;
 use bismar::rays::Backend;
 use bismar::render::prepass::guiding::learned;
-use bismar::render::{Guiding, RenderSettings, transport};
+use bismar::render::{Choice, RenderSettings, Technique, transport};
 use bismar::sampling::SplitMix64;
 use bismar::scene::build::{area_light, lambert, look, metal};
 use bismar::scene::{Environment, Material, Scene};
@@ -161,7 +161,7 @@ fn build(scene: Scene) -> Result<PreparedScene<'static>> {
 
 /// The field that a pre-pass learns in a scene.
 fn learned_in(scene: Scene) -> Result<Option<Field>> {
-    Ok(field(&build(scene)?, &settings(0, Guiding::On)))
+    Ok(field(&build(scene)?, &settings(0, Choice::On)))
 }
 
 pub fn cases() -> Result<[Case; CASES]> {
@@ -208,7 +208,7 @@ pub fn cases() -> Result<[Case; CASES]> {
 }
 
 /// Settings of every render here.
-pub fn settings(seed: u32, guiding: Guiding) -> RenderSettings {
+pub fn settings(seed: u32, guiding: Choice) -> RenderSettings {
     RenderSettings {
         width: WHOLE,
         height: WHOLE,
@@ -216,9 +216,8 @@ pub fn settings(seed: u32, guiding: Guiding) -> RenderSettings {
         spp: Some(PATHS),
         max_depth: MAX_DEPTH,
         balance: Balance::Half,
-        guiding,
         seed,
-        ..RenderSettings::even()
+        ..RenderSettings::even().with(Technique::Guiding, guiding)
     }
 }
 
@@ -238,7 +237,7 @@ mod tests {
         let scene = build(divided()).unwrap();
         // Probes around the pixels' surface points, which are at z = 0.
         let reaches_across = |seed: &u32| {
-            let field = field(&scene, &settings(*seed, Guiding::On)).unwrap();
+            let field = field(&scene, &settings(*seed, Choice::On)).unwrap();
             let cell = |x, z| field.cells_at(V3::splat(Vec3::new(x, 0.0, z)), V3::splat(Vec3::Y))[0];
             (-20..=20).map(|i| i as f32 / 100.0).any(|z| cell(0.28, z) == cell(0.32, z))
         };
