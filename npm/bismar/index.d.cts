@@ -65,6 +65,8 @@ export interface RenderFlags {
   ground?: "none" | "shadow" | undefined;
   /** Shadow rays at bodies of smooth glass (a bottle, a globe, a pane with thickness): off ends them there, straight lets them pass, dimmed by Fresnel and absorption. That is approximate: without refraction and caustics, with little noise. They always pass thin glass */
   glass_shadows?: "off" | "straight" | undefined;
+  /** Path re-use: N pixels of a tile share what their paths find at second surfaces, by the balance heuristic; with N:M, M of N paths go on from there, for all. It pays where most light arrives by other surfaces. The errors of neighbouring pixels are then related. Not in scenes with motion, blended alpha, glass or absorption, and not with --clamp-indirect: there nothing is shared */
+  path_reuse?: string | number | readonly (string | number)[] | undefined;
   /** Environment map: an equirectangular .hdr or .exr */
   env?: string | undefined;
   /** Rotation of the environment map about +y, in degrees */
