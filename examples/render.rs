@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use bismar::film::{Aov, Exposure, Look, View, exr_file, preview};
+use bismar::film::{Aov, Exposure, Look, View, ViewTransform, exr_file, preview};
 use bismar::integrator::PreparedScene;
 use bismar::rays::Backend;
 use bismar::render::{RenderSettings, render};
@@ -29,5 +29,6 @@ fn main() -> Result<()> {
     let aovs = [Aov::Albedo, Aov::Normal, Aov::Variance];
     exr_file::write(&out.with_extension("exr"), &rendered.pixels(), &aovs, &Vec::new(), None)?;
     let exposure = Exposure::Auto.of(bismar::film::colors(&rendered.pixels()));
-    preview::write(&out.with_extension("png"), &rendered.pixels(), Look { view: View::Agx, exposure }, "")
+    let look = Look { view: ViewTransform::Named(View::Agx), exposure };
+    preview::write(&out.with_extension("png"), &rendered.pixels(), &look, "")
 }

@@ -200,8 +200,10 @@ class Scene:
     @property
     def cameras(self) -> List[Camera]:
         """The file's cameras, the view `framed` that shows the whole scene, and those that were added."""
-        lens = lambda text: None if text is None else json.loads(text)  # noqa: E731
-        return [Camera(index, *of[:5], lens(of[5])) for index, of in enumerate(self._native.cameras())]
+        return [
+            Camera(index, *of, None if lens is None else json.loads(lens))
+            for index, (*of, lens) in enumerate(self._native.cameras())
+        ]
 
     @property
     def bounds(self) -> Optional[Tuple[Tuple[float, float, float], Tuple[float, float, float]]]:

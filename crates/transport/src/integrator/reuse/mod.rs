@@ -9,7 +9,7 @@
 //! I_i = Σ_j f(x_i → y_j) cos θ_i (cos θ_y / |x_i − y_j|²) V(x_i, y_j) L_j(→ x_i) / Σ_k p_k(y_j) V(x_k, y_j)
 //!
 //! A fraction q of the samples of a group goes on from y; L is then divided by q (*sparse* re-use). Groups are drawn before
-//! anything is known of y. A pair (x, y) takes part where [`pairs`] says so; the light of all others stays with its own path.
+//! anything is known of y. A pair (x, y) takes part where `pairs` says so; the light of all others stays with its own path.
 
 mod groups;
 mod lenders;
