@@ -201,8 +201,8 @@ class Scene:
     def cameras(self) -> List[Camera]:
         """The file's cameras, the view `framed` that shows the whole scene, and those that were added."""
         return [
-            Camera(index, *of, None if lens is None else json.loads(lens))
-            for index, (*of, lens) in enumerate(self._native.cameras())
+            Camera(index, *of[:5], None if of[5] is None else json.loads(of[5]))
+            for index, of in enumerate(self._native.cameras())
         ]
 
     @property
