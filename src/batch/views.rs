@@ -459,9 +459,9 @@ mod tests {
             FieldOfView::Calibrated(of) => of,
             other => panic!("{head}: {other:?}"),
         };
-        let of = calibrated(r#""fl_x": 50, "fl_y": 60, "w": 90, "h": 80, "cx": 44, "k1": -0.1, "p2": 0.01,"#);
+        let of = calibrated(r#""fl_x": 50, "fl_y": 60, "w": 90, "h": 80, "cx": 44, "k1": -0.05, "p2": 0.01,"#);
         assert_eq!((of.fl_x, of.fl_y, of.cx, of.cy, of.fisheye), (50.0, 60.0, 44.0, 40.0, false));
-        assert_eq!((of.k, of.p), ([-0.1, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0, 0.01]));
+        assert_eq!((of.k, of.p), ([-0.05, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0, 0.01]));
         let head = r#""camera_angle_x": 1.0, "w": 90, "h": 80, "camera_model": "OPENCV_FISHEYE","#;
         let of = calibrated(head);
         assert!(of.fisheye && (of.fl_y - 45.0 / 0.5_f64.tan()).abs() < 1e-9);
