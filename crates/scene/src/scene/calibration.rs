@@ -43,7 +43,7 @@ pub struct Distortion<T> {
 /// The inverse of a camera's distortion: undistorted points at the nodes of a grid, from which Newton's method starts.
 #[derive(Debug, Clone)]
 pub struct Undistortion {
-    /// Corners of the grid, distorted points in units of the focal lengths: the picture's, and [`MARGIN`] around it.
+    /// Corners of the grid, distorted points in units of the focal lengths: the picture's, and `MARGIN` around it.
     pub corners: [[f64; 2]; 2],
     /// Row by row, [`NODES`] × [`NODES`].
     pub nodes: Vec<[f32; 2]>,

@@ -10,7 +10,7 @@ use super::environment::Environment;
 use super::lights::{PunctualKind, PunctualLight};
 
 /// A clear sky: Hošek and Wilkie 2012, *An Analytic Model for Full Spectral Sky-Dome Radiance*, over a ground of albedo
-/// [`GROUND_ALBEDO`], and black below the horizon. Radiance has the unit of Mitsuba's `sunsky`: luminance over 683 · 106.857 cd/m².
+/// `GROUND_ALBEDO`, and black below the horizon. Radiance has the unit of Mitsuba's `sunsky`: luminance over 683 · 106.857 cd/m².
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ClearSky {
     /// Height of the sun above the horizon in radians, from 0 to π/2.

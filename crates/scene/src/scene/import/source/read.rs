@@ -39,7 +39,7 @@ pub fn refuse_pointer(path: &Path, bytes: &[u8]) -> Result<()> {
 /// Reads a regular file completely; no Git LFS pointer.
 ///
 /// # Errors
-/// See [`open_regular`]; also a failed read, or insufficient memory.
+/// See `open_regular`; also a failed read, or insufficient memory.
 pub fn read_regular(path: &Path, limit: u64) -> Result<Vec<u8>> {
     let (file, size) = open_regular(path, limit)?;
     let reading = |e| Error::reading(path, &e);
