@@ -4,7 +4,6 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use bismar::film::Pixels;
-use bismar::integrator::Reuse;
 use bismar::rays::Backend;
 use bismar::render::{Balance, Choice, RenderSettings, Technique, render};
 use bismar::scene::{Environment, Material, PunctualKind, PunctualLight, Scene};
@@ -13,8 +12,9 @@ use glam::Vec3;
 use crate::helpers::stage::{Stage, add, area_light, lambert, look, metal, rectangle, sphere};
 use crate::helpers::statistics::{Mean, z_limit};
 
-fn reuse(text: &str) -> Option<Reuse> {
-    Some(text.parse().unwrap())
+/// These settings with groups of such sizes.
+fn sharing(sizes: &str, of: RenderSettings) -> RenderSettings {
+    RenderSettings { reuse_sizes: Some(sizes.parse().unwrap()), ..of.with(Technique::PathReuse, Choice::On) }
 }
 
 fn settings() -> RenderSettings {
@@ -32,8 +32,13 @@ fn room(material: Material) -> Arc<Scene> {
         let both = Material { double_sided: true, ..material.clone() };
         add(&mut scene, wall(x), vec![[0, 1, 2], [0, 2, 3]], both);
     }
-    let (points, indices) = sphere(8, 0.35, Vec3::new(0.2, 0.35, 0.1));
-    add(&mut scene, points, indices, Material { metallic: 0.0, roughness: 0.4, ..Material::default() });
+    // Glass is hollow: a ball of plastic lies in it, and its walls let the room's light out.
+    for radius in [0.35, 0.25] {
+        let (points, indices) = sphere(8, radius, Vec3::new(0.2, 0.35, 0.1));
+        let plastic = Material { metallic: 0.0, roughness: 0.4, ..Material::default() };
+        let outer = if material.transmission > 0.0 { material.clone() } else { plastic.clone() };
+        add(&mut scene, points, indices, if radius > 0.3 { outer } else { plastic });
+    }
     for (x, size) in [(-0.5, 0.0), (0.6, 0.15)] {
         scene.lights.push(PunctualLight {
             name: "bulb".into(),
@@ -53,6 +58,7 @@ fn room(material: Material) -> Arc<Scene> {
 #[test]
 fn pixels_that_share_paths_have_the_mean_of_those_that_do_not() {
     let plastic = Material { metallic: 0.0, roughness: 0.5, ..Material::default() };
+    let pane = Material { metallic: 0.0, roughness: 0.0, transmission: 1.0, ..Material::default() };
     let surfaces = [
         lambert(0.7),
         plastic.clone(),
@@ -60,6 +66,8 @@ fn pixels_that_share_paths_have_the_mean_of_those_that_do_not() {
         metal(0.02),
         Material { clearcoat: 1.0, clearcoat_roughness: 0.2, ..plastic.clone() },
         Material { diffuse_transmission: 0.5, ..plastic },
+        pane.clone(),
+        Material { absorption: Vec3::new(2.0, 0.5, 1.0), dispersion: 2.0, bounds_medium: true, ..pane },
     ];
     let modes = ["2", "4", "16", "16:4", "8:1"];
     const REPLICAS: u32 = 100;
@@ -72,7 +80,7 @@ fn pixels_that_share_paths_have_the_mean_of_those_that_do_not() {
             let balance = if number % 2 == 0 { Balance::Half } else { Balance::Progressive };
             let guiding = if mode == "16" { Choice::On } else { Choice::Off };
             let guided = settings().with(Technique::Guiding, guiding);
-            let of = RenderSettings { path_reuse: reuse(mode), seed: 1000 * number, balance, ..guided };
+            let of = sharing(mode, RenderSettings { seed: 1000 * number, balance, ..guided });
             let mean = stage.mean_green(&of, REPLICAS);
             let error = mean.standard_error().hypot(reference.standard_error());
             let z = (mean.mean - reference.mean) / error;
@@ -93,7 +101,7 @@ fn inside_a_glowing_sphere_each_bounce_adds_its_albedo() {
     let expected: f64 = (0..depth).map(|bounces| f64::from(emitted) * f64::from(albedo).powi(bounces)).sum();
     let modes = ["4", "16:4"];
     for mode in modes {
-        let of = RenderSettings { path_reuse: reuse(mode), max_depth: depth as u32, ..settings() };
+        let of = sharing(mode, RenderSettings { max_depth: depth as u32, ..settings() });
         let z = stage.mean_green(&of, 100).z(expected);
         assert!(z.abs() < z_limit(modes.len()), "{mode}: z = {z}");
     }
@@ -109,16 +117,20 @@ fn variance(stage: &Stage, of: &RenderSettings, replicas: u32) -> f64 {
     pixels.iter().map(|pixel| pixel.standard_error().powi(2)).sum()
 }
 
-#[test]
-fn light_that_arrives_by_other_surfaces_is_less_noisy() {
-    // A lamp that is hidden from the floor below it, which fills the picture.
+/// A room whose lamp is hidden from the floor below it, which fills the picture.
+fn indirect_room() -> Stage {
     let mut scene = Arc::unwrap_or_clone(room(lambert(0.7)));
     (scene.environment, scene.lights, scene.cameras) = (None, Vec::new(), Vec::new());
     look(&mut scene, Vec3::new(0.0, 0.9, 0.9), Vec3::new(-0.5, 0.0, 0.0), 0.4);
     rectangle(&mut scene, 1.8, [-0.6, 0.6], [-0.6, 0.6], true, lambert(0.8));
-    let stage = Stage::new(Arc::new(scene), Backend::Embree);
+    Stage::new(Arc::new(scene), Backend::Embree)
+}
+
+#[test]
+fn light_that_arrives_by_other_surfaces_is_less_noisy() {
+    let stage = indirect_room();
     let alone = variance(&stage, &settings(), 20);
-    let shared = variance(&stage, &RenderSettings { path_reuse: reuse("16"), ..settings() }, 20);
+    let shared = variance(&stage, &sharing("16", settings()), 20);
     // 384 pixels of 20 replicas: the ratio is known to about 2 %. Measured: see the commit.
     assert!(shared < 0.5 * alone, "{}", shared / alone);
 }
@@ -126,7 +138,7 @@ fn light_that_arrives_by_other_surfaces_is_less_noisy() {
 #[test]
 fn layers_add_up_to_the_picture() {
     let stage = Stage::new(room(lambert(0.7)), Backend::Embree);
-    let of = RenderSettings { aovs: true, extras: true, path_reuse: reuse("16:4"), ..settings() };
+    let of = sharing("16:4", RenderSettings { aovs: true, extras: true, ..settings() });
     let rendered = render(&stage.scene, &of, &AtomicBool::new(false), &|_| ()).unwrap();
     let pixels = rendered.pixels();
     let mut by_kind = [0.0; 3];
@@ -147,7 +159,7 @@ fn layers_add_up_to_the_picture() {
 fn shared_pictures_do_not_depend_on_crops_and_are_as_before_where_nothing_can_be_shared() {
     let stage = Stage::new(room(lambert(0.7)), Backend::Embree);
     let green = |of: &RenderSettings| stage.green(of);
-    let shared = RenderSettings { path_reuse: reuse("4"), ..settings() };
+    let shared = sharing("4", settings());
     assert_ne!(green(&shared), green(&settings()));
     // Of one tile, a part.
     let part = RenderSettings { crop: Some([16, 0, 24, 8]), ..shared.clone() };
@@ -156,6 +168,50 @@ fn shared_pictures_do_not_depend_on_crops_and_are_as_before_where_nothing_can_be
         assert_eq!(row, &whole[24 * y + 16..24 * y + 24], "row {y}");
     }
     let clamped = RenderSettings { clamp_indirect: Some(1.0), ..settings() };
-    let both = RenderSettings { path_reuse: reuse("4"), ..clamped.clone() };
+    let both = sharing("4", clamped.clone());
     assert_eq!(green(&clamped), green(&both));
+}
+
+#[test]
+fn paths_are_shared_where_it_pays() {
+    let used = |stage: &Stage, seed: u32| {
+        let auto = RenderSettings { width: 96, height: 64, spp: Some(16), seed, ..settings() };
+        let auto = auto.with(Technique::PathReuse, Choice::Auto);
+        let rendered = render(&stage.scene, &auto, &AtomicBool::new(false), &|_| ()).unwrap();
+        rendered.stats.techniques[Technique::PathReuse].map(|stats| stats.on)
+    };
+    let mut plane = Scene { environment: Some(Environment::constant([0.5; 3])), ..Default::default() };
+    rectangle(&mut plane, 0.0, [-9.0, 9.0], [-9.0, 9.0], true, lambert(0.7));
+    look(&mut plane, Vec3::new(0.0, 1.0, 3.5), Vec3::ZERO, 0.8);
+    let [room, plane] = [indirect_room(), Stage::new(Arc::new(plane), Backend::Embree)];
+    for seed in 0..3 {
+        assert_eq!([used(&room, seed), used(&plane, seed)], [Some(true), Some(false)], "seed {seed}");
+    }
+}
+
+#[test]
+fn the_variance_of_a_picture_s_mean_counts_how_its_pixels_are_related() {
+    const REPLICAS: u32 = 60;
+    let (stage, of) = (indirect_room(), sharing("16:4", RenderSettings { spp: Some(32), ..settings() }));
+    let (mut mean, mut estimates) = (Mean::default(), [Mean::default(), Mean::default()]);
+    for seed in 0..REPLICAS {
+        let of = RenderSettings { seed, ..of.clone() };
+        let rendered = render(&stage.scene, &of, &AtomicBool::new(false), &|_| ()).unwrap();
+        let film = rendered.film();
+        let pixels = (0..of.height).flat_map(|y| (0..of.width).map(move |x| (x, y)));
+        let (mut sum, mut variance, n) = (0.0, 0.0, f64::from(of.width * of.height));
+        for (x, y) in pixels {
+            sum += f64::from(film.at(x, y).0.mean()[1]);
+            variance += f64::from(film.at(x, y).0.variance_of_mean()[1]);
+        }
+        mean.add(sum / n);
+        let alone = variance / n.powi(2);
+        [alone, alone * rendered.related()].into_iter().zip(&mut estimates).for_each(|(v, all)| all.add(v));
+    }
+    // A variance of 60 replicas has a relative standard deviation of the root of 2 / 59; at four of them, 3e-5 of false alarms.
+    let measured = mean.standard_error().powi(2) * f64::from(REPLICAS);
+    let most = 1.0 + 4.0 * (2.0 / f64::from(REPLICAS - 1)).sqrt();
+    let [alone, related] = estimates.map(|estimate| measured / estimate.mean);
+    assert!(related < most && related > 0.25, "{related}");
+    assert!(alone > most, "the test has too little to find: {alone}");
 }

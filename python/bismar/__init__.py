@@ -326,7 +326,7 @@ class Scene:
         transparent: hides the environment. ground: "shadow", a plane below the scene that shows only shadows, in alpha.
         back_faces: "show" draws those of single-sided materials. glass_shadows: "straight" lets shadow rays pass bodies of
             smooth glass. no_clip: ignores the camera's clipping planes.
-        path_reuse: "N" or "N:M": pixels share what their paths find (docs/path-reuse.md).
+        path_reuse: "auto", "off", "on", "N" or "N:M": pixels share what their paths find (docs/path-reuse.md).
         aovs: names from docs/pictures.md, or "all" or "none" [default: variance, samples, balance].
         denoise: take what `Picture.denoise` needs.
         progress: called about twenty times a second with a `Progress`, by the calling thread. If it returns False, the

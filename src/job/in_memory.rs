@@ -381,6 +381,7 @@ impl RenderedPicture {
             variance: with_variance.then(|| each().map(|(x, y)| pixels.at(x, y).0.variance_of_mean()).collect()),
             alpha,
             displayed: false,
+            related: self.rendered.related(),
         }
     }
 }

@@ -19,7 +19,7 @@ use super::stats::{RenderStats, StopReason};
 use super::techniques::{Choice, Technique};
 use super::tile::{TILE, Tile};
 use crate::color::ColorSpace;
-use crate::film::exr_file::{self, Checksum, Header, HeaderValue, Layers};
+use crate::film::exr_file::{self, Checksum, Header, HeaderValue, Layers, RELATED};
 use crate::film::{Aov, Background};
 use crate::rays::BackendInfo;
 use crate::{Error, Result};
@@ -70,7 +70,7 @@ impl Saved {
 }
 
 /// Version of the record and of the packed tiles. Files of other versions are not read.
-pub const FORMAT: u32 = 6;
+pub const FORMAT: u32 = 7;
 
 /// The record of a render in its picture's header: all that resuming and merging need besides the tiles.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -206,6 +206,10 @@ impl Record {
             ("bismar.noise".into(), HeaderValue::Number(rendered.stats.noise)),
             ("bismar.background".into(), HeaderValue::Text(variant_name(&self.background))),
         ];
+        let related = rendered.related();
+        if related > 1.0 {
+            header.push((RELATED.into(), HeaderValue::Number(related)));
+        }
         if self.seeds.is_empty() {
             header.push(("bismar.format".into(), HeaderValue::Number(FORMAT.into())));
             header.push(("bismar.record".into(), json(self)?));

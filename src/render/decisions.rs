@@ -9,6 +9,7 @@ use serde_json::Value;
 
 use super::RenderSettings;
 use super::techniques::{Choice, PerTechnique, Technique};
+use crate::integrator::Reuse;
 
 /// What the pre-pass of a technique has found; `None` for what it does not have.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
@@ -34,6 +35,9 @@ pub struct TechniqueStats {
     /// Mean fraction of directions that are sampled from the field.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub share: Option<f32>,
+    /// Sizes of groups of path re-use.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sizes: Option<Reuse>,
     /// Minimum and maximum paths of a tile, over the mean; both 1 where the allocation is uniform.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub range: Option<[f64; 2]>,
@@ -92,6 +96,9 @@ impl Decisions {
             let what = match stats {
                 TechniqueStats { variance: Some(variance), cost: Some(cost), .. } => {
                     format!("leaves {variance:.2} of the variance at {cost:.2} of the cost")
+                }
+                TechniqueStats { remaining: Some(left), sizes: Some(sizes), .. } => {
+                    format!("{sizes} leaves {left:.2} of the {}", row.fraction_of)
                 }
                 TechniqueStats { remaining: Some(left), .. } => format!("leaves {left:.2} of the {}", row.fraction_of),
                 _ => return Decision { on: stats.on, why: "asked for".into() },

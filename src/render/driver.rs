@@ -20,7 +20,7 @@ use super::transport::{pass_seed, transport};
 use super::{RenderSettings, RenderStats, Saved, StopReason, StudyOptions};
 use crate::Result;
 use crate::film::Background;
-use crate::integrator::{PreparedScene, Proposal, Transport, reuse};
+use crate::integrator::{PreparedScene, Transport};
 use crate::scene::Scene;
 
 /// How to run a render, besides its settings.
@@ -131,14 +131,6 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
     let unfinished = scheduler::planned(settings, fewest).is_some();
     let prepasses = if unfinished { Prepasses::run(scene, settings, stop) } else { Prepasses::default() };
     let transport = prepasses.apply(transport(scene, settings));
-    let possible = reuse::is_possible(&transport);
-    if settings.path_reuse.is_some() && !possible {
-        warn!(
-            "path re-use: nothing is shared in scenes with motion, blended alpha, glass or absorption, nor with a clamp"
-        );
-    }
-    let reuse = settings.path_reuse.filter(|_| possible);
-    let transport = Transport { proposal: Proposal { reuse, ..transport.proposal }, ..transport };
     // Made after the pre-passes, so that the memory of both is not taken at once.
     let fresh = || Saved { tiles: study_tiles(settings, &study), stats: RenderStats::default(), goals: Vec::new() };
     let Saved { tiles, stats, mut goals } = from.unwrap_or_else(fresh);

@@ -51,6 +51,13 @@ impl Rendered {
         paths_range(&self.tiles)
     }
 
+    /// The variance of the picture's mean over that of independent pixels, at least 1; more where pixels share paths.
+    pub fn related(&self) -> f64 {
+        let tiles = self.tiles.iter().filter_map(Tile::variances).filter(|tile| tile.iter().all(|v| v.is_finite()));
+        let [together, alone] = tiles.fold([0.0; 2], |[a, b], [c, d]| [a + c, b + d]);
+        if alone > 0.0 { (together / alone).max(1.0) } else { 1.0 }
+    }
+
     /// Noise of the noisiest tile; 0 without tiles.
     pub fn worst_noise(&self) -> f64 {
         let (window, tiles) = (self.settings.window(), self.tiles.iter());

@@ -45,13 +45,14 @@ pub fn replay(
         let (width, height) = (settings.width, settings.height);
         return Err(Error::Usage(format!("pixel {x},{y} is not inside the picture of {width}x{height} pixels")));
     }
-    if settings.path_reuse.is_some() {
-        let why = "a path of a picture with path re-use finds light for other pixels: there is none to replay";
-        return Err(Error::Usage(why.into()));
-    }
     let never = AtomicBool::new(false);
     let prepasses = Prepasses::run(scene, settings, &never);
     let mut transport = prepasses.apply(transport(scene, settings));
+    if transport.proposal.reuse.is_some() {
+        let why =
+            "paths of this picture find light for other pixels too, and cannot be replayed: give --path-reuse off";
+        return Err(Error::Usage(why.into()));
+    }
     let mut tile = Tile::new([x / TILE, y / TILE], settings.width, settings.height, settings.columns());
     let deals = prepasses.allocation.as_ref().is_some_and(Allocation::deals);
     let planned = |tile: &Tile| match &prepasses.allocation {

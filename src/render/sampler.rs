@@ -3,7 +3,7 @@
 use std::cell::RefCell;
 use std::time::Instant;
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
 use super::RenderSettings;
 use super::adaptive::NoiseGoal;
@@ -222,7 +222,9 @@ impl Tracer {
         watch: &mut dyn FnMut(&PixelTask),
     ) {
         let Self { wave, tasks, aovs, contributions, ground } = self;
-        for Part { pixels: range, paths: [from, to] } in parts(counts, transport.proposal.reuse.is_some()) {
+        let shares = transport.proposal.reuse.is_some();
+        for Part { pixels: range, paths: [from, to] } in parts(counts, shares) {
+            let before = if shares { tile.sum() } else { DVec3::ZERO };
             let std::ops::Range { start, end } = range;
             tasks.clear();
             let pixels = tile.pixels[start..end].iter_mut().zip(&tile.stats[start..end]);
@@ -256,6 +258,12 @@ impl Tracer {
             let ground =
                 transport.ground.zip(sums).map(|(height, sums)| Ground { height, sums, columns: &mut *ground });
             wave.run(transport, tasks, &mut ((pixels, ground), aovs, contributions));
+            let paths = tasks[0].counts.paths;
+            if shares && tasks.iter().all(|task| task.counts.paths == paths) {
+                let mean = (tile.sum() - before) / f64::from(paths) / tile.pixels() as f64;
+                tile.waves.means.add(mean.as_vec3(), false);
+                tile.waves.paths += paths;
+            }
         }
     }
 }

@@ -147,9 +147,9 @@ pub struct RenderSettings {
     /// What shadow rays do at bodies of smooth glass.
     #[serde(default, skip_serializing_if = "GlassShadows::is_off")]
     pub glass_shadows: GlassShadows,
-    /// How pixels share what their paths find; `None`: they do not.
+    /// Sizes of groups where path re-use is on; `None`: the usual ones.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub path_reuse: Option<Reuse>,
+    pub reuse_sizes: Option<Reuse>,
     /// Does the camera see only what lies between its clipping planes?
     #[serde(default = "yes", skip_serializing_if = "Clone::clone")]
     pub clip: bool,
@@ -228,7 +228,7 @@ impl RenderSettings {
             back_faces,
             clip,
             glass_shadows,
-            path_reuse,
+            reuse_sizes,
             ground,
             // Parts have the bits of the whole.
             part: _,
@@ -266,8 +266,8 @@ impl RenderSettings {
         if *glass_shadows != GlassShadows::Off {
             insert("glass-shadows", variant_name(glass_shadows));
         }
-        if let Some(reuse) = path_reuse {
-            insert("path-reuse", reuse.to_string());
+        if let Some(sizes) = reuse_sizes {
+            insert("path-reuse sizes", sizes.to_string());
         }
         if *ground != Ground::None {
             insert("ground", variant_name(ground));
@@ -380,7 +380,7 @@ impl Default for RenderSettings {
             back_faces: BackFaces::Cull,
             clip: true,
             glass_shadows: GlassShadows::Off,
-            path_reuse: None,
+            reuse_sizes: None,
             ground: Ground::None,
             part: None,
         }

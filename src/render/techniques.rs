@@ -117,6 +117,21 @@ techniques! {
         suits_noise_goal: true,
         learns: true,
     }
+    /// Path re-use ([`path_reuse`](super::prepass::path_reuse)).
+    PathReuse {
+        flag: "path-reuse",
+        prepass: "path_reuse",
+        about: "Path re-use: pixels of a tile share what their paths find at second surfaces (docs/path-reuse.md). It helps \
+                where most light arrives by other surfaces; the errors of neighbouring pixels are then related. N: groups of N \
+                paths; N:M: M of these go on from there, for all",
+        nothing: "no indirect light, or motion, blended alpha or a clamp",
+        fraction_of: "error times cost",
+        unnamed: Choice::Off,
+        is_switch: false,
+        min_paths: [MIN_AUTO_PATHS, 0],
+        suits_noise_goal: true,
+        learns: false,
+    }
     /// Numbers of paths by tile ([`allocation`](super::prepass::allocation)).
     Adaptive {
         flag: "adaptive",

@@ -1,5 +1,6 @@
 //! A tile of pixels and its statistics. [`sampler`](super::sampler) traces its passes.
 
+use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use super::adaptive::{NoiseGoal, TileStats};
@@ -34,6 +35,17 @@ pub struct Tile {
     pub peaks: Vec<Peak>,
     /// Sums of the ground that catches shadows, one per pixel; empty without one.
     pub ground: Vec<GroundSums>,
+    /// What says how the errors of pixels are related that share paths.
+    pub(super) waves: WaveMeans,
+}
+
+/// Mean radiance of a tile's waves, of those with as many paths in all pixels.
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
+pub(super) struct WaveMeans {
+    /// A sample is the mean of a wave.
+    pub means: PixelStats,
+    /// Paths per pixel of all these waves.
+    pub paths: u32,
 }
 
 /// Which columns tiles have besides the statistics.
@@ -98,6 +110,7 @@ impl Tile {
             extras: vec![ExtraSums::default(); if columns.extras { n } else { 0 }],
             peaks: vec![Peak::default(); n],
             ground: vec![GroundSums::default(); if columns.ground { n } else { 0 }],
+            waves: WaveMeans::default(),
         }
     }
 
@@ -138,6 +151,8 @@ impl Tile {
         self.extras.iter_mut().zip(&other.extras).for_each(|(own, more)| own.join(more));
         self.ground.iter_mut().zip(&other.ground).for_each(|(own, more)| own.join(more));
         self.peaks.iter_mut().zip(&other.peaks).for_each(|(own, more)| own.add(more.luminance, more.path));
+        self.waves.means.join(&other.waves.means);
+        self.waves.paths += other.waves.paths;
     }
 
     /// Bytes of memory per pixel with these columns.
@@ -163,6 +178,22 @@ impl Tile {
     /// Its column and row in the picture's grid of tiles.
     pub fn grid_position(&self) -> [u32; 2] {
         self.pixels.first().map_or([0; 2], |p| [p.x / TILE, p.y / TILE])
+    }
+
+    /// Sum over its pixels of R, G and B of a path: its radiance so far.
+    pub(super) fn sum(&self) -> DVec3 {
+        self.stats.iter().map(|stats| DVec3::from(stats.sum)).sum()
+    }
+
+    /// The variance of the sum of its pixels' means, and the sum of the variances of these means, the sums over R, G and B; `None`
+    /// where its waves are too few. The first is larger where pixels share paths.
+    pub(super) fn variances(&self) -> Option<[f64; 2]> {
+        let WaveMeans { means, paths } = self.waves;
+        let sum = |variance: [f32; 3]| variance.map(f64::from).iter().sum::<f64>();
+        let n = self.pixels() as f64;
+        let per_path = n * n * sum(means.variance_of_mean()) * f64::from(paths);
+        let of_pixels = self.stats.iter().map(|stats| sum(stats.variance_of_mean())).sum();
+        (means.samples > 1).then(|| [per_path * n / self.all_paths() as f64, of_pixels])
     }
 
     /// Its pixels' statistics.

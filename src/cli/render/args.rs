@@ -24,7 +24,6 @@ use crate::console::tev;
 use crate::farm::{PathMapping, utf8};
 use crate::film::denoise::Denoiser;
 use crate::film::{Aov, Denoise, Exposure, preview};
-use crate::integrator::Reuse;
 use crate::job::memory::parse_size;
 use crate::job::{LightUnit, RenderRequest};
 use crate::rays::Backend;
@@ -130,12 +129,6 @@ pub struct RenderArgs {
     #[arg(long, value_parser = value_of::<GlassShadows>(), default_value = GlassShadows::Off.name(), value_name = "HOW",
         help_heading = "Light")]
     pub glass_shadows: GlassShadows,
-    /// Path re-use: N pixels of a tile share what their paths find at second surfaces, by the balance heuristic; with N:M, M of N
-    /// paths go on from there, for all. It pays where most light arrives by other surfaces. The errors of neighbouring pixels are
-    /// then related. Not in scenes with motion, blended alpha, glass or absorption, and not with --clamp-indirect: there nothing
-    /// is shared.
-    #[arg(long, value_name = "N[:M]", help_heading = "Sampling")]
-    pub path_reuse: Option<Reuse>,
     /// Environment map: an equirectangular .hdr or .exr.
     #[arg(long, value_name = "FILE", group = "infinite", help_heading = "Light")]
     pub env: Option<PathBuf>,
@@ -379,7 +372,12 @@ impl RenderArgs {
         let (aovs, selection) = (self.aovs(), self.selection.selection());
         let uses_prepasses = self.balance.method().uses_prepasses();
         // Adaptive sampling estimates the variance of the colour, not of alpha.
-        let suits = |technique| self.ground == Ground::None || technique != Technique::Adaptive;
+        // Denoisers take the errors of neighbours for independent.
+        let suits = |technique| match technique {
+            Technique::Adaptive => self.ground == Ground::None,
+            Technique::PathReuse => self.denoise.is_none(),
+            _ => true,
+        };
         let unlimited = self.spp.is_none() && self.time.is_none() && self.noise.is_none();
         let settings = RenderSettings {
             crop: self.crop.map(|c| c.0),
@@ -393,7 +391,7 @@ impl RenderArgs {
             pilot: self.pilot,
             // Other methods are there to compare with: they take what is asked for, and nothing more.
             techniques: Choices::new(|technique| {
-                self.techniques.0[technique].unwrap_or(technique.usual(uses_prepasses && suits(technique)))
+                self.techniques.choices[technique].unwrap_or(technique.usual(uses_prepasses && suits(technique)))
             }),
             guiding_memory: self.guiding_memory,
             seed: match (self.seed_per_frame, selection.frame) {
@@ -410,7 +408,7 @@ impl RenderArgs {
             back_faces: self.back_faces,
             clip: !self.no_clip,
             glass_shadows: self.glass_shadows,
-            path_reuse: self.path_reuse,
+            reuse_sizes: self.techniques.reuse_sizes,
             ground: self.ground,
             part: self.part_flag.map(|flag| flag.part),
             ..RenderSettings::default()
@@ -560,7 +558,7 @@ impl RenderArgs {
             return Err(Error::Usage("a scene from standard input is for one picture: give a file".into()));
         }
         let refused = |technique: &Technique| {
-            self.techniques.0[*technique] == Some(Choice::On) && !technique.row().suits_noise_goal
+            self.techniques.choices[*technique] == Some(Choice::On) && !technique.row().suits_noise_goal
         };
         if let Some(refused) = Technique::ALL.iter().find(|technique| self.noise.is_some() && refused(technique)) {
             return Err(Error::Usage(format!(

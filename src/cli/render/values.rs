@@ -8,6 +8,7 @@ use clap::{Arg, ArgMatches, Args, Command, FromArgMatches, ValueEnum};
 use crate::cli::flag_values::FlagValue;
 use crate::farm::array::{ArrayTask, array_task};
 use crate::film::Aov;
+use crate::integrator::Reuse;
 use crate::job::LightUnit;
 use crate::render::techniques::Row;
 use crate::render::{Balance, Choice, Part, PerTechnique, Technique};
@@ -31,7 +32,21 @@ pub fn balance() -> impl TypedValueParser<Value = Balance> {
 
 /// The flags of all techniques; `None` for those that are not given.
 #[derive(Debug, Clone)]
-pub struct TechniqueFlags(pub PerTechnique<Option<Choice>>);
+pub struct TechniqueFlags {
+    pub choices: PerTechnique<Option<Choice>>,
+    /// Sizes of `--path-reuse`.
+    pub reuse_sizes: Option<Reuse>,
+}
+
+/// Parses `--path-reuse`: a choice, or sizes, which turn it on.
+fn path_reuse(text: &str) -> Parsed<(Choice, Option<Reuse>)> {
+    match Choice::ALL.into_iter().find(|choice| choice.name() == text) {
+        Some(choice) => Ok((choice, None)),
+        None => {
+            text.parse().map(|sizes| (Choice::On, Some(sizes))).map_err(|why: String| format!("off, on, auto, {why}"))
+        }
+    }
+}
 
 impl TechniqueFlags {
     fn flag(technique: Technique) -> Arg {
@@ -52,7 +67,11 @@ impl TechniqueFlags {
         });
         let alone = if is_switch { format!("; --{flag} alone: on") } else { String::new() };
         let help = format!("{about} [default: auto with --balance progressive, else off{alone}]");
-        let arg = Arg::new(flag).long(flag).help(help).help_heading("Sampling").value_name("WHEN").value_parser(parser);
+        let arg = Arg::new(flag).long(flag).help(help).help_heading("Sampling");
+        let arg = match technique {
+            Technique::PathReuse => arg.value_name("WHEN|N[:M]").value_parser(path_reuse),
+            _ => arg.value_name("WHEN").value_parser(parser),
+        };
         let arg = if unnamed == Choice::Off { arg.default_value_if("preset", "thumbnail", "off") } else { arg };
         match is_switch {
             true => arg.num_args(0..=1).require_equals(true).default_missing_value(Choice::On.name()),
@@ -73,7 +92,14 @@ impl Args for TechniqueFlags {
 
 impl FromArgMatches for TechniqueFlags {
     fn from_arg_matches(matches: &ArgMatches) -> std::result::Result<Self, clap::Error> {
-        Ok(Self(PerTechnique::new(|technique| matches.get_one(technique.row().flag).copied())))
+        let flag = Technique::PathReuse.row().flag;
+        let (of_path_reuse, reuse_sizes) =
+            matches.get_one(flag).copied().map_or((None, None), |(choice, sizes)| (Some(choice), sizes));
+        let choices = PerTechnique::new(|technique| match technique {
+            Technique::PathReuse => of_path_reuse,
+            _ => matches.get_one(technique.row().flag).copied(),
+        });
+        Ok(Self { choices, reuse_sizes })
     }
 
     fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> std::result::Result<(), clap::Error> {
@@ -95,7 +121,7 @@ impl Preset {
     /// The flags that it stands for.
     pub fn flags(self) -> &'static str {
         match self {
-            Self::Thumbnail => "--size 512x512 --spp 16 --aov none --adaptive off --guiding off",
+            Self::Thumbnail => "--size 512x512 --spp 16 --aov none --adaptive off --guiding off --path-reuse off",
             Self::Product => "--size 1024x1024 --spp 256 --ground shadow",
             Self::Final => "--size 1920x1080 --spp 1024 --checkpoint 60",
         }

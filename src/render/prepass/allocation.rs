@@ -141,6 +141,8 @@ impl Allocation {
             return None;
         }
         let began = Instant::now();
+        // The pixels that are sampled here have few neighbours to share with.
+        let transport = &Transport { proposal: Proposal { reuse: None, ..transport.proposal }, ..transport.clone() };
         // Pictures against the clock have no reproducible number of paths.
         let is_late = || effort::is_late(settings, began);
         let [columns, rows] = [settings.width, settings.height].map(|n| n.div_ceil(TILE));

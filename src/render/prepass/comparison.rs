@@ -71,7 +71,7 @@ pub fn compare(
 }
 
 /// About so many pixels, all over a picture of this size.
-fn spread(size: [u32; 2], pixels: u32) -> Vec<[u32; 2]> {
+pub fn spread(size: [u32; 2], pixels: u32) -> Vec<[u32; 2]> {
     let at = |i: u32, axis: usize| (R2[axis] * f64::from(i)).fract() * f64::from(size[axis]);
     (1..=pixels).map(|i| [0, 1].map(|axis| at(i, axis) as u32)).collect()
 }

@@ -1,6 +1,6 @@
 //! The pre-pass: a short render of the same view at low resolution before the first pass. It decides how the environment is
-//! sampled ([`compensation`]), how emissive triangles are ([`learned_lights`]) and whether paths are guided ([`guiding`]); the
-//! last two learn from the same paths ([`rounds`]). Results depend only on the scene, the view, the seed and settings, so that
+//! sampled ([`compensation`]), how emissive triangles are ([`learned_lights`]) and whether paths are guided ([`guiding`]): the
+//! last two learn from the same paths ([`rounds`]). Then it decides whether paths are re-used ([`path_reuse`]). Results depend only on the scene, the view, the seed and settings, so that
 //! every part, crop and session decides alike.
 
 pub mod allocation;
@@ -10,6 +10,7 @@ mod effort;
 pub mod guiding;
 pub mod learned_lights;
 pub(super) mod low_resolution;
+pub mod path_reuse;
 pub mod rounds;
 mod visible_emission;
 
@@ -24,6 +25,7 @@ use allocation::Allocation;
 use compensation::Compensation;
 use guiding::GuidingLearner;
 use learned_lights::LightsLearner;
+use path_reuse::PathReuse;
 use rounds::{Decided, Learner};
 
 /// The results of a render's pre-passes.
@@ -36,7 +38,7 @@ pub struct Prepasses<'s> {
 
 impl<'s> Prepasses<'s> {
     /// Runs the pre-passes that `settings` ask for. First the density of the environment is chosen, then the paths of the same
-    /// rounds teach all learners, then paths are allocated. The results mean nothing if `stop` is raised: the rest then ends
+    /// rounds teach all learners, then it is decided whether paths are re-used, then paths are allocated. The results mean nothing if `stop` is raised: the rest then ends
     /// within a tile's time.
     pub fn run(scene: &'s PreparedScene, settings: &RenderSettings, stop: &AtomicBool) -> Self {
         let mut found = Self::default();
@@ -45,6 +47,8 @@ impl<'s> Prepasses<'s> {
         let Scene { instances, materials, .. } = &*scene.scene;
         if !instances.is_empty() && materials.iter().any(|material| !material.unlit) && scene.scene.is_lit() {
             found.learn(scene, settings, &plain, stop);
+            let path_reuse = PathReuse::decide(&found.apply(plain.clone()), settings, stop);
+            found.decided.extend(path_reuse.map(|decided| Box::new(decided) as Box<dyn Decided>));
         }
         let allocation = Allocation::new(&found.apply(plain), settings, stop);
         Self { allocation, ..found }

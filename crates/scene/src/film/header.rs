@@ -19,6 +19,9 @@ pub const WORLD_TO_CAMERA: &str = "worldToCamera";
 /// and (1, 1) its lower right one; z has no meaning.
 pub const WORLD_TO_NDC: &str = "worldToNDC";
 
+/// The attribute with the variance of the picture's mean over that of independent pixels.
+pub const RELATED: &str = "bismar.related";
+
 /// The attribute with the intrinsics of a calibrated camera, in pixels of the whole picture, as JSON.
 pub const CALIBRATION: &str = "bismar.calibration";
 

@@ -36,7 +36,15 @@ impl Picture {
             let picture = radiance::decode(&bytes, |_, _| Ok(()));
             let (width, height, rgb) = picture.map_err(|e| refused(format!("cannot use this picture: {e}")))?;
             let window = [0, 0, width.into(), height.into()];
-            return Ok(Self { window, display: window, rgb, variance: None, alpha: None, displayed: false });
+            return Ok(Self {
+                window,
+                display: window,
+                rgb,
+                variance: None,
+                alpha: None,
+                displayed: false,
+                related: 1.0,
+            });
         };
         let decoded = ImageReader::with_format(Cursor::new(&bytes), format).decode();
         let image = decoded.map_err(|e| refused(format!("cannot use this picture: {e}")))?;
@@ -62,6 +70,7 @@ impl Picture {
             variance: None,
             alpha: has_alpha.then(|| pixels.iter().map(|p| p[3]).collect()),
             displayed,
+            related: 1.0,
         }
     }
 }

@@ -17,6 +17,8 @@ pub struct Picture {
     pub alpha: Option<Vec<f32>>,
     /// Whether the values are display-referred, at most 1, as in a PNG.
     pub displayed: bool,
+    /// Variance of the picture's mean over that of independent pixels, at least 1: more where pixels share paths.
+    pub related: f64,
 }
 
 impl Picture {
@@ -36,6 +38,7 @@ impl Picture {
             variance: self.variance.as_deref().map(colors),
             alpha: self.alpha.as_ref().map(|all| indices.iter().map(|i| all[*i]).collect()),
             displayed: self.displayed,
+            related: self.related,
         }
     }
 

@@ -19,7 +19,7 @@ use super::attributes::{HASH, LENGTH, VARIANCE, string, text};
 use super::checksum::CHECKSUM;
 use super::{bounds, head};
 use crate::film::cryptomatte::PREFIX;
-use crate::film::header::{Header, HeaderValue, WORLD_TO_CAMERA, WORLD_TO_NDC};
+use crate::film::header::{Header, HeaderValue, RELATED, WORLD_TO_CAMERA, WORLD_TO_NDC};
 use crate::film::picture::Picture;
 use crate::{Error, Result as Outcome, color, guard};
 
@@ -234,6 +234,10 @@ fn decode(bytes: &[u8], layer: Option<&str>, fits: &Fits) -> Result<Picture> {
         variance: variance.map(|_| black()),
         alpha: alpha.map(|_| vec![0.0; width * height]),
         displayed: false,
+        related: match attribute(&header, RELATED) {
+            Some(AttributeValue::F64(related)) if *related >= 1.0 && related.is_finite() => *related,
+            _ => 1.0,
+        },
     };
     each_block(chunks, part, |block| {
         for line in block.lines(&header.channels) {

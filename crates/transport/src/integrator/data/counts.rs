@@ -18,6 +18,8 @@ pub struct WaveCounts {
     pub later_bounce_rays: u64,
     /// Shadow rays.
     pub shadow_rays: u64,
+    /// Those of them between first and second surfaces of path re-use.
+    pub shared_rays: u64,
     /// Time in ray queries, in seconds.
     pub query_seconds: f64,
     /// Samples discarded because their radiance was not finite.
@@ -40,6 +42,7 @@ impl WaveCounts {
             first_bounce_rays: self.first_bounce_rays + other.first_bounce_rays,
             later_bounce_rays: self.later_bounce_rays + other.later_bounce_rays,
             shadow_rays: self.shadow_rays + other.shadow_rays,
+            shared_rays: self.shared_rays + other.shared_rays,
             query_seconds: self.query_seconds + other.query_seconds,
             not_finite: self.not_finite + other.not_finite,
             first_not_finite: self.first_not_finite.or(other.first_not_finite),

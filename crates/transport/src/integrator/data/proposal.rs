@@ -34,10 +34,18 @@ pub struct Reuse {
 impl Reuse {
     /// Largest group.
     pub const MAX_GROUP: u32 = 64;
+    /// Sizes that suit most scenes: where few paths find the light, and where most do.
+    pub const USUAL: [Self; 2] = [Self { group: 16, traced: 4 }, Self { group: 16, traced: 16 }];
 
     /// How many samples of a group of `members` go on: the same share, at least one.
     pub fn traced_of(self, members: usize) -> usize {
         (members * self.traced as usize).div_ceil(self.group as usize).max(1)
+    }
+}
+
+impl Default for Reuse {
+    fn default() -> Self {
+        Self::USUAL[0]
     }
 }
 

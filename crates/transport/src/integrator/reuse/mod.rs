@@ -52,11 +52,10 @@ pub struct Lending {
     pairs: Pairs,
 }
 
-/// Can the paths of a scene be lent? Not where the way to y depends on more than its ends: on time, media, glass, alpha.
+/// Can the paths of a scene be lent? Not where the way to y depends on more than its ends: on time, on random numbers of blended
+/// alpha.
 pub fn is_possible(transport: &Transport) -> bool {
-    let Transport { materials, geometry, .. } = transport;
-    let straight = !(geometry.moves || materials.absorbs() || materials.has_thin_walls || materials.has_smooth_bodies);
-    straight && !materials.disperses && !materials.blends && transport.limits[1] == f32::INFINITY
+    !transport.geometry.moves && !transport.materials.blends && transport.limits[1] == f32::INFINITY
 }
 
 impl Lending {
@@ -94,7 +93,7 @@ impl Lending {
             for row in (first..vertices.len().min(first + LANES)).filter(|row| lends >> (row - first) & 1 == 1) {
                 let ray = (vertices.ray[row] - rays.first) as usize;
                 let sample = self.sample_of[ray];
-                let passed = rays.rays.tnear[ray] > 0.0;
+                let passed = rays.rays.tnear[ray] > 0.0 || rays.passed_wall.get(ray).is_some_and(|passed| *passed);
                 let Some(traced) = self.groups.is_traced(sample) else { continue };
                 if passed || !self.samples[sample as usize].rough {
                     continue;

@@ -5,6 +5,7 @@
 //! pair alone, whichever path has found it, so that the balance heuristic may leave out the others.
 
 use glam::Vec3;
+use wide::bytemuck::cast;
 
 use super::lenders::{FirstSample, Lender};
 use crate::bsdf::{Core, Lobe, Parameters};
@@ -15,7 +16,7 @@ use crate::integrator::data::transport::Transport;
 use crate::integrator::data::vertices::Vertices;
 use crate::integrator::stages::mixture::{self, Mixture};
 use crate::integrator::surface::shading_normal;
-use crate::lanes::{F, LANES, Rows, Survivors, U, V3, V3Column, eight, grow, mask, store};
+use crate::lanes::{F, LANES, Rows, Survivors, U, V3, V3Column, eight, grow, load_bits, mask, store};
 use crate::light::Lights;
 use crate::rays::{RayBatch, RayOrder};
 
@@ -38,10 +39,12 @@ macro_rules! with_bsdf {
     };
 }
 
-/// Mask of the vertices that may borrow light.
+/// Mask of the vertices that may borrow light: on rough, opaque surfaces, in no medium that absorbs.
 #[inline(never)]
 pub fn borrows(vertices: &Vertices, rows: &Rows) -> F {
-    with_bsdf!(vertices, rows, bsdf => mixture::is_diffuse(bsdf) & !bsdf.transmits())
+    let outside = vertices.media.as_ref().map(|[own, _]| cast::<U, F>(load_bits(own, rows).simd_eq(U::ZERO)));
+    let rough = with_bsdf!(vertices, rows, bsdf => mixture::is_diffuse(bsdf) & !bsdf.transmits());
+    outside.map_or(rough, |outside| rough & outside)
 }
 
 /// Mask of the vertices that may lend light to the side of `wo`.
@@ -117,6 +120,7 @@ impl Pairs {
         let Self { ends, rays, pair_of, occluded, pdf, radiance, borrowed, kinds, lenders: of } = self;
         rays.close(pair_of.len());
         counts.shadow_rays += rays.len() as u64;
+        counts.shared_rays += rays.len() as u64;
         timed(counts, || transport.rays.occluded(rays, RayOrder::Incoherent, occluded));
         pair_of
             .iter()

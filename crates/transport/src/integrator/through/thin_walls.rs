@@ -111,7 +111,7 @@ impl ThinWalls {
     #[inline(never)]
     pub fn pass(&mut self, at: &WaveContext, rays: &mut PathRays, hits: &mut HitBatch, back_faces: &mut BackFaces) {
         let transport = at.transport;
-        if at.depth == 0 {
+        if at.depth <= 1 {
             rays.passed_wall.resize(rays.len, false);
         }
         self.list(transport, rays.len, hits);
