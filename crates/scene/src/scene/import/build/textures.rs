@@ -57,7 +57,7 @@ fn decode(
     let halvings = halvings.unwrap_or(0);
     let made = |(width, height), texels: Texels| {
         let mut made = scene::Image { name: image.name.clone(), width, height, texels, stored };
-        // A scaled JPEG has fewer texels already.
+        // A scaled JPEG or PNG has fewer texels already.
         while made.width > size[0].div_ceil(1 << halvings) {
             made.halve();
         }
@@ -70,6 +70,12 @@ fn decode(
     if format == ImageFormat::Jpeg
         && halvings > 0
         && let Some((size, texels)) = scaled_jpeg(&bytes, size.map(|n| n.div_ceil(1 << halvings)))
+    {
+        return Ok(Ok(made(size, texels)));
+    }
+    if format == ImageFormat::Png
+        && halvings > 0
+        && let Some((size, texels)) = scaled_png(&bytes, halvings)
     {
         return Ok(Ok(made(size, texels)));
     }
@@ -102,6 +108,57 @@ fn scaled_jpeg(bytes: &[u8], [width, height]: [u32; 2]) -> Option<((u32, u32), T
         _ => return None,
     };
     Some((size, Texels::Rgb8(texels)))
+}
+
+/// Decodes a PNG by stripes of rows, of which each becomes one. `None` if it is interlaced, has 16 bits, or is damaged, which the
+/// usual decoder reports.
+fn scaled_png(bytes: &[u8], halvings: u32) -> Option<((u32, u32), Texels)> {
+    let decode = || -> std::result::Result<_, png::DecodingError> {
+        let mut decoder = png::Decoder::new(Cursor::new(bytes));
+        decoder.set_transformations(png::Transformations::EXPAND);
+        let mut reader = decoder.read_info()?;
+        let (color, depth) = reader.output_color_type();
+        if reader.info().interlaced || depth != png::BitDepth::Eight {
+            return Ok(None);
+        }
+        let (width, rows) = (reader.info().width, 1 << halvings);
+        let (mut stripe, mut texels, mut size, mut opaque) = (Vec::new(), Vec::new(), (0, 0), true);
+        loop {
+            let row = reader.next_row()?;
+            let is_end = row.is_none();
+            if let Some(row) = row {
+                let row = row.data();
+                match color {
+                    png::ColorType::Grayscale => stripe.extend(row.iter().map(|grey| [*grey, *grey, *grey, 255])),
+                    png::ColorType::GrayscaleAlpha => {
+                        stripe.extend(row.as_chunks().0.iter().map(|&[grey, alpha]| [grey, grey, grey, alpha]));
+                    }
+                    png::ColorType::Rgba => stripe.extend(row.as_chunks::<4>().0),
+                    _ => stripe.extend(row.as_chunks().0.iter().map(|&[r, g, b]| [r, g, b, 255])),
+                }
+            }
+            let height = stripe.len() as u32 / width;
+            if height == rows || (is_end && height > 0) {
+                opaque &= stripe.iter().all(|texel| texel[3] == 255);
+                let texels_of = Texels::Rgba8(std::mem::take(&mut stripe));
+                let mut part = scene::Image { width, height, texels: texels_of, ..Default::default() };
+                (0..halvings).for_each(|_| part.halve());
+                size = (part.width, size.1 + part.height);
+                if let Texels::Rgba8(more) = part.texels {
+                    texels.extend(more);
+                }
+            }
+            if is_end {
+                return Ok(Some((size, texels, opaque)));
+            }
+        }
+    };
+    let (size, texels, opaque) = guarded("damaged", decode).ok()??;
+    let texels = match opaque {
+        true => Texels::Rgb8(texels.iter().map(|t| [t[0], t[1], t[2]]).collect()),
+        false => Texels::Rgba8(texels),
+    };
+    Some((size, texels))
 }
 
 /// Decoder of a picture.
@@ -411,6 +468,35 @@ mod tests {
     use image::codecs::jpeg::JpegEncoder;
 
     use super::*;
+
+    #[test]
+    fn a_scaled_png_is_the_mean_of_its_texels() {
+        let wave = |x: u32, y: u32, a: u32| [x * 3, y * 4, 100 + x, a].map(|c| c as u8);
+        let rgba = image::RgbaImage::from_fn(50, 41, |x, y| image::Rgba(wave(x, y, 255 - (x + y) % 3)));
+        let opaque = image::RgbaImage::from_fn(37, 32, |x, y| image::Rgba(wave(x, y, 255)));
+        let pictures: [DynamicImage; 4] = [
+            rgba.clone().into(),
+            opaque.into(),
+            DynamicImage::from(rgba.clone()).into_luma8().into(),
+            DynamicImage::from(rgba).into_luma_alpha8().into(),
+        ];
+        for picture in pictures {
+            let mut bytes = Vec::new();
+            picture.write_to(&mut Cursor::new(&mut bytes), ImageFormat::Png).unwrap();
+            let (width, height) = (picture.width(), picture.height());
+            let mut whole = scene::Image { width, height, texels: texels(picture), ..Default::default() };
+            for halvings in 1..=6 {
+                whole.halve();
+                let (size, scaled) = scaled_png(&bytes, halvings).unwrap();
+                assert_eq!((size, format!("{scaled:?}")), ((whole.width, whole.height), format!("{:?}", whole.texels)));
+            }
+            assert!(scaled_png(&bytes[..bytes.len() / 2], 2).is_none());
+        }
+        let sixteen = DynamicImage::new_rgb16(8, 8);
+        let mut bytes = Vec::new();
+        sixteen.write_to(&mut Cursor::new(&mut bytes), ImageFormat::Png).unwrap();
+        assert!(scaled_png(&bytes, 1).is_none());
+    }
 
     #[test]
     fn a_scaled_jpeg_is_the_mean_of_its_texels() {
