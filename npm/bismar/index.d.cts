@@ -65,8 +65,6 @@ export interface RenderFlags {
   ground?: "none" | "shadow" | undefined;
   /** Shadow rays at bodies of smooth glass (a bottle, a globe, a pane with thickness): off ends them there, straight lets them pass, dimmed by Fresnel and absorption. That is approximate: without refraction and caustics, with little noise. They always pass thin glass */
   glass_shadows?: "off" | "straight" | undefined;
-  /** Path re-use: N pixels of a tile share what their paths find at second surfaces, by the balance heuristic; with N:M, M of N paths go on from there, for all. It pays where most light arrives by other surfaces. The errors of neighbouring pixels are then related. Not in scenes with motion, blended alpha, glass or absorption, and not with --clamp-indirect: there nothing is shared */
-  path_reuse?: string | number | readonly (string | number)[] | undefined;
   /** Environment map: an equirectangular .hdr or .exr */
   env?: string | undefined;
   /** Rotation of the environment map about +y, in degrees */
@@ -105,6 +103,8 @@ export interface RenderFlags {
   learned_lights?: "off" | "on" | "auto" | boolean | undefined;
   /** Path guiding: sample directions from the light field that a pre-pass has learned (docs/guiding.md). It helps where light reaches the visible surfaces through few paths [default: auto with --balance progressive, else off] */
   guiding?: "off" | "on" | "auto" | boolean | undefined;
+  /** Path re-use: pixels of a tile share what their paths find at second surfaces (docs/path-reuse.md). It helps where most light arrives by other surfaces; the errors of neighbouring pixels are then related. Before a denoiser it gains little, and is off unless it is given. N: groups of N paths; N:M: M of these go on from there, for all [default: auto with --balance progressive, else off] */
+  path_reuse?: string | number | readonly (string | number)[] | undefined;
   /** Adaptive sampling: a pre-pass estimates the noise of each tile of 16 x 16 pixels, and noisy tiles get more paths; the number of paths is their mean (docs/adaptive.md). Without effect with a goal of noise [default: auto with --balance progressive, else off; --adaptive alone: on] */
   adaptive?: "off" | "on" | "auto" | boolean | undefined;
   /** Method that sets the share of light samples and BSDF samples in multiple importance sampling (docs/balance.md) */

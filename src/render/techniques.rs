@@ -122,7 +122,8 @@ techniques! {
         flag: "path-reuse",
         prepass: "path_reuse",
         about: "Path re-use: pixels of a tile share what their paths find at second surfaces (docs/path-reuse.md). It helps \
-                where most light arrives by other surfaces; the errors of neighbouring pixels are then related. N: groups of N \
+                where most light arrives by other surfaces; the errors of neighbouring pixels are then related. \
+                Before a denoiser it gains little, and is off unless it is given. N: groups of N \
                 paths; N:M: M of these go on from there, for all",
         nothing: "no indirect light, or motion, blended alpha or a clamp",
         fraction_of: "error times cost",
