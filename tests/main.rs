@@ -41,6 +41,7 @@ mod in_ci;
 mod labels;
 mod lamps;
 mod lens;
+mod light_groups;
 mod lights;
 mod limits;
 mod look;

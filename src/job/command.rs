@@ -16,11 +16,11 @@ use crate::render::checkpoint::{json, text};
 pub const ATTRIBUTE: &str = "bismar.command";
 /// What decides what is in a picture. Nothing else is written into a header, or read from one: it may be of somebody else.
 #[rustfmt::skip]
-const OF_THE_PICTURE: [&str; 50] = [
+const OF_THE_PICTURE: [&str; 51] = [
     "animation", "aov", "aperture", "back-faces", "balance", "camera", "clamp-direct", "clamp-indirect", "colorspace",
     "crop", "denoise", "energy-compensation", "env-rotate", "env-strength", "filter", "focus", "fps", "frame",
-    "glass-shadows", "ground", "guiding-memory", "half", "integrator", "lens-blades", "light-radius", "light-unit",
-    "max-depth", "min-spp", "motion-steps", "no-clip", "no-env", "noise", "orbit", "pilot", "placed",
+    "glass-shadows", "ground", "guiding-memory", "half", "integrator", "lens-blades", "light-groups",
+    "light-radius", "light-unit", "max-depth", "min-spp", "motion-steps", "no-clip", "no-env", "noise", "orbit", "pilot", "placed",
     "pose", "preset", "rays", "scene-name", "seed", "seed-per-frame", "shutter", "size", "sky", "spp", "sun-angle",
     "sunsky", "time", "transparent", "variant",
 ];

@@ -244,14 +244,14 @@ impl RenderedPicture {
     /// # Errors
     /// [`Error::Usage`] for a layer that was not rendered.
     pub fn layer(&self, name: &str) -> Result<(Vec<String>, Values)> {
-        let settings = &self.rendered.settings;
+        let (settings, pixels) = (&self.rendered.settings, self.rendered.pixels());
         let channels = if name == "beauty" {
             beauty(self.rendered.background)
         } else {
             let aovs = self.request.aovs.iter();
             let channels = aovs.flat_map(|aov| {
                 let whole = aov.name() == name;
-                let mut channels = aov.channels(settings.aovs, settings.extras);
+                let mut channels = aov.channels(settings.aovs, settings.extras, pixels.light_groups());
                 channels.retain(|c| whole || c.name.rsplit_once('.').is_some_and(|(layer, _)| layer == name));
                 channels
             });
@@ -262,7 +262,7 @@ impl RenderedPicture {
             return Err(Error::Usage(format!("there is no layer '{name}'; there are {have}")));
         }
         let names = channels.iter().map(|c| c.name.rsplit('.').next().unwrap_or(&c.name).to_owned()).collect();
-        Ok((names, values(&self.rendered.pixels(), &channels)))
+        Ok((names, values(&pixels, &channels)))
     }
 
     /// Statistics, as `bismar render --stats` writes them.

@@ -1,6 +1,7 @@
 //! The pixels of a window, read from tiles.
 
 use super::RenderSettings;
+use super::light_groups::LightGroups;
 use super::tile::{TILE, Tile};
 use crate::film::{AovSums, Background, ExtraSums, PixelStats, Pixels};
 
@@ -10,6 +11,7 @@ pub struct TilePixels<'a> {
     window: [u32; 4],
     aovs: bool,
     extras: bool,
+    groups: &'a [String],
     background: Background,
     /// Tiles per row of `tiles`.
     columns: u32,
@@ -19,7 +21,7 @@ pub struct TilePixels<'a> {
 
 impl<'a> TilePixels<'a> {
     /// The pixels of tiles of a render with these settings, in any order.
-    pub fn new(tiles: &'a [Tile], settings: &RenderSettings, background: Background) -> Self {
+    pub fn new(tiles: &'a [Tile], settings: &'a RenderSettings, background: Background) -> Self {
         let window @ [x0, y0, x1, y1] = settings.window();
         let (columns, rows) = (x1.div_ceil(TILE) - x0 / TILE, y1.div_ceil(TILE) - y0 / TILE);
         let mut grid = vec![None; (columns * rows) as usize];
@@ -28,7 +30,8 @@ impl<'a> TilePixels<'a> {
             grid[((y - y0 / TILE) * columns + (x - x0 / TILE)) as usize] = Some(tile);
         }
         let (size, aovs, extras) = ([settings.width, settings.height], settings.aovs, settings.extras);
-        Self { size, window, aovs, extras, background, columns, tiles: grid }
+        let groups = settings.light_groups.as_ref().map_or(&[][..], LightGroups::names);
+        Self { size, window, aovs, extras, groups, background, columns, tiles: grid }
     }
 }
 
@@ -59,6 +62,15 @@ impl Pixels for TilePixels<'_> {
     fn extras(&self, x: u32, y: u32) -> Option<ExtraSums> {
         let no_tile = self.extras.then(ExtraSums::default);
         self.locate(x, y).map_or(no_tile, |(tile, i)| tile.extras.get(i).copied())
+    }
+
+    fn light_groups(&self) -> &[String] {
+        self.groups
+    }
+
+    fn light(&self, x: u32, y: u32, group: usize) -> [f32; 3] {
+        let of = |(tile, i): (&Tile, usize)| tile.groups.get(i * self.groups.len() + group).copied();
+        self.locate(x, y).and_then(of).unwrap_or_default()
     }
 
     fn light_share(&self, x: u32, y: u32) -> f32 {

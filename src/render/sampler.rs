@@ -11,6 +11,7 @@ use super::deal;
 use super::tile::{Tile, TilePixel, TileWork};
 use crate::balance::sampler::LightInfo;
 use crate::balance::{Contribution, Cost, Counts, LearnedPixels, Observer, PixelFeatures, Sampler, Technique};
+use crate::film::stats::share_light;
 use crate::integrator::clients::{AovColumns, Aovs, ContributionColumns, Contributions, Ground, GroundColumns};
 use crate::integrator::{PixelSums, PixelTask, Transport, Wave, WaveCounts, guides};
 
@@ -249,8 +250,10 @@ impl Tracer {
             let pixels = PixelSums { stats: &mut tile.stats[start..end], peaks: &mut tile.peaks[start..end] };
             let sums = tile.aovs.get_mut(start..end).unwrap_or_default();
             let extras = tile.extras.get_mut(start..end).unwrap_or_default();
-            let wanted = !(sums.is_empty() && extras.is_empty());
-            let aovs = wanted.then_some(Aovs { sums, extras, columns: &mut *aovs });
+            let count = transport.groups.as_ref().map_or(0, |table| table.count);
+            let groups = tile.groups.get_mut(start * count..end * count).unwrap_or_default();
+            let wanted = !(sums.is_empty() && extras.is_empty() && groups.is_empty());
+            let aovs = wanted.then_some(Aovs { sums, extras, groups, columns: &mut *aovs });
             let contributions = observer
                 .as_mut()
                 .map(|observer| Contributions { observer: &mut **observer, columns: &mut *contributions });
@@ -319,8 +322,11 @@ fn reweight(tile: &mut Tile, pilot: &Pilot, total: &[Counts]) {
         }
     }
     // The lights of the pilot's samples are not stored: a change is divided among light groups as the pixel is.
-    for (extras, changes) in tile.extras.iter_mut().zip(changes.chunks(n)) {
-        extras.share_light(changes.iter().sum());
+    let count = tile.groups.len() / tile.stats.len();
+    for (i, changes) in changes.chunks(n).enumerate() {
+        let of_kinds = tile.extras.get_mut(i).map_or(&mut [][..], |extras| &mut extras.lights);
+        let lights = if count > 0 { &mut tile.groups[i * count..][..count] } else { of_kinds };
+        share_light(lights, changes.iter().sum());
     }
     let of_pixels = changes.chunks(n).zip(pilot.paths.chunks(n));
     for (stats, (changes, paths)) in tile.stats.iter_mut().zip(of_pixels) {
@@ -350,7 +356,8 @@ mod tests {
 
     #[test]
     fn a_pilot_weighed_again_has_the_sums_of_paths_that_were_weighed_so_at_once() {
-        let mut tile = Tile::new([0, 0], 2, 1, Columns { moments: false, aovs: true, extras: false, ground: false });
+        let mut tile =
+            Tile::new([0, 0], 2, 1, Columns { moments: false, aovs: true, extras: false, ground: false, groups: 0 });
         let mut pilot = Pilot { counts: Some(Counts::half(2)), ..Default::default() };
         let contribution = |pixel, technique, index, r, y| Contribution {
             pixel,

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::Part;
 use super::adaptive::{NOISE_PATHS, NoiseGoal};
 use super::lens::LensSettings;
+use super::light_groups::LightGroups;
 use super::names::{Values, variant_name};
 use super::techniques::{Choice, Choices, Technique};
 use super::tile::Columns;
@@ -156,6 +157,9 @@ pub struct RenderSettings {
     /// What lies below the scene.
     #[serde(default, skip_serializing_if = "is_default")]
     pub ground: Ground,
+    /// Groups of lights, by which the AOV `lights` divides the beauty in place of kinds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub light_groups: Option<LightGroups>,
     /// Render only this part of the tiles.
     pub part: Option<Part>,
 }
@@ -230,6 +234,7 @@ impl RenderSettings {
             glass_shadows,
             reuse_sizes,
             ground,
+            light_groups,
             // Parts have the bits of the whole.
             part: _,
         } = self;
@@ -272,6 +277,9 @@ impl RenderSettings {
         if *ground != Ground::None {
             insert("ground", variant_name(ground));
         }
+        if let Some(groups) = light_groups {
+            insert("light-groups", groups.to_string());
+        }
         // The rules, not what they led to: that follows from them. Left out where earlier builds had no choice.
         for (technique, choice) in techniques.named() {
             insert(technique.row().flag, choice.as_str().unwrap_or("true").into());
@@ -295,6 +303,7 @@ impl RenderSettings {
             aovs: self.aovs,
             extras: self.extras,
             ground: self.catches_shadows(),
+            groups: self.light_groups.as_ref().map_or(0, |groups| groups.names().len()),
         }
     }
 
@@ -382,6 +391,7 @@ impl Default for RenderSettings {
             glass_shadows: GlassShadows::Off,
             reuse_sizes: None,
             ground: Ground::None,
+            light_groups: None,
             part: None,
         }
     }

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::adaptive::{NoiseGoal, TileStats};
 use crate::balance::{Moments, Shares};
+use crate::film::stats::accumulate;
 use crate::film::{AovSums, ExtraSums, GroundSums, Peak, PixelStats};
 use crate::integrator::WaveCounts;
 
@@ -37,6 +38,9 @@ pub struct Tile {
     pub ground: Vec<GroundSums>,
     /// What says how the errors of pixels are related that share paths.
     pub(super) waves: WaveMeans,
+    /// By pixel and then by group, light of the groups that are asked for; empty without them. It is stored behind the tile.
+    #[serde(skip)]
+    pub groups: Vec<[f32; 3]>,
 }
 
 /// Mean radiance of a tile's waves, of those with as many paths in all pixels.
@@ -59,6 +63,8 @@ pub struct Columns {
     pub extras: bool,
     /// [`Tile::ground`].
     pub ground: bool,
+    /// Number of groups of lights.
+    pub groups: usize,
 }
 
 #[derive(Debug, Serialize, Deserialize)]
@@ -111,6 +117,7 @@ impl Tile {
             peaks: vec![Peak::default(); n],
             ground: vec![GroundSums::default(); if columns.ground { n } else { 0 }],
             waves: WaveMeans::default(),
+            groups: vec![[0.0; 3]; n * columns.groups],
         }
     }
 
@@ -149,6 +156,7 @@ impl Tile {
         self.stats.iter_mut().zip(&other.stats).for_each(|(own, more)| own.join(more));
         self.aovs.iter_mut().zip(&other.aovs).for_each(|(own, more)| own.join(more));
         self.extras.iter_mut().zip(&other.extras).for_each(|(own, more)| own.join(more));
+        self.groups.iter_mut().zip(&other.groups).for_each(|(own, more)| accumulate(own, *more));
         self.ground.iter_mut().zip(&other.ground).for_each(|(own, more)| own.join(more));
         self.peaks.iter_mut().zip(&other.peaks).for_each(|(own, more)| own.add(more.luminance, more.path));
         self.waves.means.join(&other.waves.means);
@@ -166,6 +174,7 @@ impl Tile {
             + column(columns.aovs, size_of::<AovSums>())
             + column(columns.extras, size_of::<ExtraSums>())
             + column(columns.ground, size_of::<GroundSums>())
+            + columns.groups * size_of::<[f32; 3]>()
     }
 
     /// Estimated bytes of memory of the tiles of so many pixels with these columns.
@@ -235,6 +244,7 @@ impl Tile {
                 t.extras.len(),
                 t.peaks.len(),
                 t.ground.len(),
+                t.groups.len(),
             ]
         };
         sizes(self) == sizes(other) && self.pixels.iter().zip(&other.pixels).all(same) && self.tile_stats().is_whole()

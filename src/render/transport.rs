@@ -1,5 +1,7 @@
 //! The transport of a render: what its paths do, and the seeds of its passes.
 
+use std::sync::Arc;
+
 use super::camera::{camera, lens};
 use super::{BackFaces, GlassShadows, Integrator, RenderSettings, scheduler};
 use crate::integrator::{PreparedScene, Proposal, Transport};
@@ -28,6 +30,10 @@ pub fn transport<'a>(scene: &'a PreparedScene, settings: &RenderSettings) -> Tra
         culls_back_faces: settings.back_faces == BackFaces::Cull,
         ground: settings.catches_shadows().then(|| scene.scene.lowest()).flatten(),
         straight_glass_shadows: settings.glass_shadows == GlassShadows::Straight,
+        groups: settings.light_groups.as_ref().and_then(|groups| {
+            // Checked by `validate`.
+            Some(Arc::new(groups.table(&scene.scene).ok()?.with_area(&scene.lights)))
+        }),
         proposal: Proposal::new(&scene.lights),
     }
 }

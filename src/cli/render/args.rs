@@ -29,7 +29,8 @@ use crate::job::{LightUnit, RenderRequest};
 use crate::rays::Backend;
 use crate::render::lens::{Aperture, Focus, LensSettings};
 use crate::render::{
-    BackFaces, Balance, Choice, Choices, GlassShadows, Ground, Integrator, PixelFilter, RenderSettings, Technique,
+    BackFaces, Balance, Choice, Choices, GlassShadows, Ground, Integrator, LightGroups, PixelFilter, RenderSettings,
+    Technique,
 };
 use crate::sampling::frame_seed;
 use crate::scene::import::{STANDARD_INPUT, Views};
@@ -160,6 +161,11 @@ pub struct RenderArgs {
     /// extras, or sharp shadows.
     #[arg(long, value_name = "DEG", value_parser = sun_angle, help_heading = "Light")]
     pub sun_angle: Option<f32>,
+    /// Layers light_NAME in place of the kinds of --aov lights: at most 8 groups of lights by the names of lights, nodes, meshes
+    /// and materials, with * and ?; env is the environment. `light_group` in the extras of a node, light or material goes before
+    /// patterns. Other lights are in the layer light_rest; the sum is the beauty (docs/lights.md).
+    #[arg(long, value_name = "NAME=PATTERN,...", help_heading = "Light")]
+    pub light_groups: Option<LightGroups>,
     /// Render without any environment light.
     #[arg(long, conflicts_with = "infinite", help_heading = "Light")]
     pub no_env: bool,
@@ -356,6 +362,7 @@ impl RenderArgs {
     /// sources are forgotten, so `lights` is left out; `velocity` needs a time.
     fn aovs(&self) -> Vec<Aov> {
         let mut aovs = self.aov.0.clone();
+        aovs.extend(self.light_groups.iter().map(|_| Aov::Lights));
         aovs.sort();
         aovs.dedup();
         aovs.retain(|aov| *aov != Aov::Lights || !self.balance.method().needs_goal());
@@ -400,7 +407,8 @@ impl RenderArgs {
             },
             filter: self.filter,
             aovs: aovs.iter().any(|a| a.needs_sums()),
-            extras: self.denoise.is_some() || aovs.iter().any(|a| a.needs_extras()),
+            extras: self.denoise.is_some()
+                || aovs.iter().any(|a| a.needs_extras() && (*a != Aov::Lights || self.light_groups.is_none())),
             clamp_direct: self.clamp_direct,
             clamp_indirect: self.clamp_indirect,
             transparent: self.transparent || self.ground == Ground::Shadow,
@@ -410,6 +418,7 @@ impl RenderArgs {
             glass_shadows: self.glass_shadows,
             reuse_sizes: self.techniques.reuse_sizes,
             ground: self.ground,
+            light_groups: self.light_groups.clone(),
             part: self.part_flag.map(|flag| flag.part),
             ..RenderSettings::default()
         };
@@ -604,9 +613,10 @@ impl RenderArgs {
                 "--balance {name} needs --spp: its pilot is a share of all samples, so their number must be known in advance"
             )));
         }
-        if !self.has_all_aovs() && self.aov.0.contains(&Aov::Lights) {
+        if self.light_groups.is_some() || !self.has_all_aovs() && self.aov.0.contains(&Aov::Lights) {
+            let flag = if self.light_groups.is_some() { "--light-groups" } else { "--aov lights" };
             return Err(Error::Usage(format!(
-                "--aov lights: --balance {name} reweights its pilot's light after the light sources are forgotten; choose \
+                "{flag}: --balance {name} reweights its pilot's light after the light sources are forgotten; choose \
                  another --balance"
             )));
         }

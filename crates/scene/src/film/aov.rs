@@ -39,7 +39,7 @@ pub enum Aov {
     GuideAlbedo,
     /// For denoisers: the normal of that surface.
     GuideNormal,
-    /// The beauty by light source: environment, emissive surfaces, punctual lights. They add up to it.
+    /// The beauty by light source: environment, emissive surfaces, punctual lights, or by groups. They add up to it.
     Lights,
     /// Motion in the picture in pixels per frame, mean over the paths that hit; 0 where none did. For Nuke `forward` (u to the
     /// right, v up, to the next frame) and `backward` (to the previous frame), for Blender `Vector` (X, Y to the previous frame;
@@ -62,6 +62,8 @@ pub enum Value {
     Extra(ExtraComponent),
     /// A float from the extra sums of which 16 bits are enough.
     ExtraColor(ExtraComponent),
+    /// A float of which 16 bits are enough: light of the group of this number.
+    Light(usize),
     /// A 32-bit unsigned integer.
     Uint(fn(&PixelStats, &AovSums) -> u32),
     /// The light share, a 32-bit float.
@@ -96,6 +98,7 @@ impl Channel {
             Value::Extra(f) | Value::ExtraColor(f) => {
                 f(&stats, &pixels.extras(x, y).unwrap_or_default(), self.component)
             }
+            Value::Light(group) => mean(&stats, pixels.light(x, y, group)[self.component]),
             Value::Uint(f) => f(&stats, &sums) as f32,
             Value::LightShare => pixels.light_share(x, y),
         }
@@ -151,8 +154,12 @@ impl Aov {
         )
     }
 
-    /// Its channels; empty if it needs sums that do not exist.
-    pub fn channels(self, with_sums: bool, with_extras: bool) -> Vec<Channel> {
+    /// Its channels; empty if it needs sums that do not exist. `groups` are the names of groups of lights.
+    pub fn channels(self, with_sums: bool, with_extras: bool, groups: &[String]) -> Vec<Channel> {
+        if self == Aov::Lights && !groups.is_empty() {
+            let of = |(i, name)| layer(&format!("light_{name}."), "RGB", Value::Light(i));
+            return groups.iter().enumerate().flat_map(of).collect();
+        }
         if (self.needs_sums() && !with_sums) || (self.needs_extras() && !with_extras) {
             return Vec::new();
         }

@@ -34,6 +34,16 @@ pub trait Pixels: Sync {
         None
     }
 
+    /// Names of the groups of lights that are asked for.
+    fn light_groups(&self) -> &[String] {
+        &[]
+    }
+
+    /// Sum over paths of the light of a group, linear RGB, of pixel (x, y) of the whole picture.
+    fn light(&self, _x: u32, _y: u32, _group: usize) -> [f32; 3] {
+        [0.0; 3]
+    }
+
     /// The light share α of pixel (x, y) of the whole picture, in [0, 1]: the fraction of samples that are light samples.
     fn light_share(&self, _x: u32, _y: u32) -> f32 {
         0.5

@@ -1,5 +1,7 @@
 //! Point, spot and directional lights (KHR_lights_punctual).
 
+use std::sync::Arc;
+
 use glam::Vec3;
 
 use super::motion::{key_before, mix};
@@ -41,6 +43,15 @@ pub struct PunctualLight {
     pub size: f32,
     /// Keys while the shutter is open, evenly spaced in time: at least two, or none if the light does not change.
     pub motion: Vec<LightKey>,
+}
+
+/// The node that places a light.
+#[derive(Debug, Clone)]
+pub struct LightNode {
+    /// Its name.
+    pub name: String,
+    /// Group of lights: `extras.light_group` of the node, of the nearest node above it that has one, or of the light.
+    pub group: Option<Arc<str>>,
 }
 
 /// Largest radius of a light in metres: its square is finite as a 32-bit float.

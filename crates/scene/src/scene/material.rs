@@ -1,6 +1,7 @@
 //! glTF materials as plain data.
 
 use std::ops::{Index, IndexMut};
+use std::sync::Arc;
 
 use glam::{Affine2, Vec3, Vec4};
 
@@ -165,6 +166,8 @@ pub enum AlphaMode {
 pub struct Material {
     /// Name for messages.
     pub name: String,
+    /// Group of lights: `extras.light_group`.
+    pub light_group: Option<Arc<str>>,
     /// Linear base colour and alpha, each in [0, 1].
     pub base_color: Vec4,
     /// 0 dielectric to 1 metal.
@@ -233,6 +236,7 @@ impl Default for Material {
     fn default() -> Self {
         Self {
             name: "default".into(),
+            light_group: None,
             base_color: Vec4::ONE,
             metallic: 1.0,
             roughness: 1.0,

@@ -157,6 +157,8 @@ pub struct Instance {
     pub name: String,
     /// Category in data sets: `extras.category` of the node or of the nearest node above it that has one.
     pub category: Option<Arc<str>>,
+    /// Group of lights: `extras.light_group`, likewise.
+    pub light_group: Option<Arc<str>>,
     /// Index into [`super::Scene::objects`].
     pub object: u32,
     /// Object to world at the picture's own time; `None` if the meshes are already in world space. Invertible and

@@ -27,7 +27,7 @@ pub use camera::{Camera, Projection};
 pub use choose::choose;
 pub use environment::Environment;
 pub use framing::Framing;
-pub use lights::{LightKey, MAX_RADIUS, PunctualKind, PunctualLight};
+pub use lights::{LightKey, LightNode, MAX_RADIUS, PunctualKind, PunctualLight};
 pub use material::{AlphaMode, Encoding, Material, TextureRef, TextureSlot, Textures};
 pub use mesh::{Deformation, Instance, MAX_COORDINATE, Mesh, Object, Positions};
 pub use motion::Motion;
@@ -52,6 +52,8 @@ pub struct Scene {
     pub textures: Vec<Texture>,
     /// Point, spot and directional lights, in world space.
     pub lights: Vec<PunctualLight>,
+    /// Their nodes, as far as they have any.
+    pub light_nodes: Vec<LightNode>,
     /// Cameras, in world space. An imported scene has at least one: a view that frames the scene if the file has no
     /// camera. The renderer reads them through [`Scene::camera`].
     pub cameras: Vec<Camera>,

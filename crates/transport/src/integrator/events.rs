@@ -7,7 +7,8 @@ use std::iter::once;
 use glam::Vec3;
 
 use crate::integrator::data::context::WaveContext;
-use crate::integrator::data::queues::{KINDS, LightKind, PathRays, ShadowRays};
+use crate::integrator::data::light_groups::MAX_GROUPS;
+use crate::integrator::data::queues::{LightKind, PathRays, ShadowRays};
 use crate::integrator::data::requests::RequestGroup;
 use crate::integrator::data::vertices::Vertices;
 use crate::lanes::{F, LANES, Survivors, V3};
@@ -25,6 +26,8 @@ pub struct FoundEmission {
     pub pdf: [f32; 2],
     /// Kind of the light.
     pub kind: LightKind,
+    /// Number of its group ([`Transport::group`](crate::integrator::Transport::group)).
+    pub group: u8,
 }
 
 /// Up to eight light samples of the environment and of area lights.
@@ -83,8 +86,8 @@ pub struct BorrowedLight {
     pub index: u32,
     /// What it adds to the path, linear RGB.
     pub radiance: Vec3,
-    /// The same by [`LightKind`].
-    pub by_kind: [Vec3; KINDS],
+    /// The same by groups of lights.
+    pub by_group: [Vec3; MAX_GROUPS],
 }
 
 /// Receives what happens to the paths of a wave. Events come in a fixed order, and in that of the functions here at each depth.

@@ -162,6 +162,11 @@ impl AreaLights {
         Some(Self { lights, tree, first, light_of, moves })
     }
 
+    /// Instance and mesh of each area light.
+    pub fn surfaces(&self) -> impl Iterator<Item = [u32; 2]> {
+        self.lights.iter().map(|light| [light.instance, light.mesh])
+    }
+
     /// The light tree.
     pub fn tree(&self) -> &LightTree {
         &self.tree

@@ -38,12 +38,13 @@ pub struct LightSamples {
     /// the sample is on a side that does not emit, or where no punctual light reaches the point: such a sample counts with
     /// value zero.
     pub pdf: F,
-    /// Indices of the area lights or punctual lights, [`SIZED`] for lights with a size; without meaning for the environment.
+    /// Indices of the area lights or punctual lights, the latter with the bit [`SIZED`] if they have a size; without meaning for
+    /// the environment.
     pub emitter: [u32; LANES],
 }
 
-/// Stands for an index of area lights where the sample is of a light with a size.
-pub const SIZED: u32 = u32::MAX;
+/// Tells the index of a light with a size from that of an area light.
+pub const SIZED: u32 = 1 << 31;
 
 impl LightSamples {
     /// `a` where the mask is set, else `b`.

@@ -14,7 +14,7 @@ use super::punctual;
 use super::samples::{ROUNDING, SIZED};
 use super::{LightSampleContext, LightSamples};
 use crate::color::luminance;
-use crate::lanes::{F, LANES, V3, eight};
+use crate::lanes::{F, V3, eight};
 use crate::sampling::warp::{self, ONE_MINUS_EPSILON};
 use crate::scene::{LightKey, PunctualKind, PunctualLight, Scene};
 
@@ -41,6 +41,8 @@ struct SizedLight {
 /// A light as a cone of directions, seen from a point.
 #[derive(Debug, Clone, Copy)]
 struct Cone {
+    /// Index in [`Scene::lights`].
+    light: u32,
     /// Unit direction toward the centre.
     axis: Vec3,
     /// Distance to the centre in metres; infinite for a disc.
@@ -58,6 +60,8 @@ struct Cone {
 /// A light that a ray hits.
 #[derive(Debug, Clone, Copy)]
 pub struct SizedHit {
+    /// Index in [`Scene::lights`].
+    pub light: u32,
     /// Radiance along the ray without occlusion, linear RGB.
     pub radiance: Vec3,
     /// Density per solid angle with which [`SizedLights::sample`] samples this light in the ray's direction.
@@ -78,7 +82,8 @@ impl Cone {
     /// A light seen from `p` with normal `n` (zero where light from both sides counts), at a time in [0, 1] of the shutter; `None`
     /// if it gives no light there.
     #[inline]
-    fn new(light: &PunctualLight, p: Vec3, n: Vec3, time: f32) -> Option<Self> {
+    fn new(scene: &Scene, index: usize, (p, n): (Vec3, Vec3), time: f32) -> Option<Self> {
+        let light = &scene.lights[index];
         let LightKey { intensity, position, direction } = light.at(time);
         let (axis, distance, radius2, sin2, radiance) = if light.kind == PunctualKind::Directional {
             let sin2 = light.size.sin().powi(2).max(MIN_SIN2);
@@ -97,7 +102,7 @@ impl Cone {
         let below = !inside && n != Vec3::ZERO && n.dot(axis) <= -sin2.sqrt();
         let weight = luminance(radiance) * one_minus_cos;
         let weight = if below || !weight.is_finite() { 0.0 } else { weight };
-        (weight > 0.0).then_some(Self { axis, distance, radius2, one_minus_cos, radiance, weight })
+        (weight > 0.0).then_some(Self { light: index as u32, axis, distance, radius2, one_minus_cos, radiance, weight })
     }
 
     /// Distance to the light in a direction whose angle with the axis has a cosine of 1 − `a`, and the end of a shadow ray from
@@ -142,7 +147,7 @@ impl SizedLights {
 
     /// The lights seen from a point that give it light.
     fn cones(&self, scene: &Scene, (p, n): (Vec3, Vec3), time: f32) -> impl Iterator<Item = Cone> {
-        self.lights.iter().filter_map(move |own| Cone::new(&scene.lights[own.light], p, n, time))
+        self.lights.iter().filter_map(move |own| Cone::new(scene, own.light, (p, n), time))
     }
 
     /// Chooses a light by a number in [0, 1), and the sum of all weights; `None` if none reaches the point.
@@ -164,8 +169,10 @@ impl SizedLights {
     /// Samples directions toward the lights by three numbers in [0, 1).
     #[inline(never)]
     pub fn sample(&self, context: &LightSampleContext, [choice, u, v]: [F; 3]) -> LightSamples {
-        const DARK: Cone =
-            Cone { axis: Vec3::Y, distance: 1.0, radius2: 0.0, one_minus_cos: 1.0, radiance: Vec3::ZERO, weight: 0.0 };
+        #[rustfmt::skip]
+        const DARK: Cone = Cone {
+            light: 0, axis: Vec3::Y, distance: 1.0, radius2: 0.0, one_minus_cos: 1.0, radiance: Vec3::ZERO, weight: 0.0,
+        };
         let chosen = eight(|lane| {
             let (choice, time) = (choice.as_array()[lane], context.time.as_array()[lane]);
             let from = (context.p.lane(lane), context.n.lane(lane));
@@ -181,7 +188,7 @@ impl SizedLights {
         let end = (F::from(ends.map(|[_, end]| end)) - context.origin_error).fast_max(F::ZERO);
         let radiance = V3::gather(chosen.map(|(cone, _)| cone.radiance));
         let pdf = F::from(chosen.map(|(cone, sum)| density(&cone, sum)));
-        LightSamples { wi, distance, end, radiance, pdf, emitter: [SIZED; LANES] }
+        LightSamples { wi, distance, end, radiance, pdf, emitter: chosen.map(|(cone, _)| SIZED | cone.light) }
     }
 
     /// The lights that eight rays may hit, as a bitmask of the rays for each light.
@@ -209,7 +216,7 @@ impl SizedLights {
     /// What a ray `from` a point and normal, of a unit direction and a time in [0, 1] of the shutter, sees of the light of this
     /// number among those that have a size; `None` if it does not hit it.
     pub fn hit(&self, scene: &Scene, index: usize, from: (Vec3, Vec3), direction: Vec3, time: f32) -> Option<SizedHit> {
-        let cone = Cone::new(&scene.lights[self.lights[index].light], from.0, from.1, time)?;
+        let cone = Cone::new(scene, self.lights[index].light, from, time)?;
         // Accurate for small angles: the squared length of the difference of two unit vectors is 2 (1 − cos).
         let a = 0.5 * (direction - cone.axis).length_squared();
         if a > cone.one_minus_cos {
@@ -217,7 +224,7 @@ impl SizedLights {
         }
         let sum = self.cones(scene, from, time).map(|cone| cone.weight).sum();
         let [distance, end] = cone.ends(from.0, a);
-        Some(SizedHit { radiance: cone.radiance, pdf: density(&cone, sum), distance, end })
+        Some(SizedHit { light: cone.light, radiance: cone.radiance, pdf: density(&cone, sum), distance, end })
     }
 
     /// Number of the lights that have a size.

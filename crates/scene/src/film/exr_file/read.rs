@@ -97,6 +97,14 @@ pub fn read_header(path: &Path) -> Outcome<Header> {
     Ok(header)
 }
 
+/// Names of all channels of a file.
+///
+/// # Errors
+/// The errors of [`read()`].
+pub fn channels(path: &Path) -> Outcome<Vec<String>> {
+    Ok(read_meta(path, open(path)?)?.headers.iter().flat_map(names).collect())
+}
+
 fn open(path: &Path) -> Outcome<File> {
     File::open(path).map_err(|e| Error::reading(path, &e))
 }

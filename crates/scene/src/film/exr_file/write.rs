@@ -123,7 +123,9 @@ fn image_of<'a>(pixels: &'a dyn Pixels, layers: Layers<'a>, header: &Header) -> 
     let converted = (layers.colorspace != ColorSpace::Rec709).then(|| layers.colorspace.from_rec709());
     let beauty = aov::beauty(pixels.background());
     let with_extras = pixels.extras(x0, y0).is_some();
-    let channels = beauty.into_iter().chain(aovs.iter().flat_map(|aov| aov.channels(pixels.has_aovs(), with_extras)));
+    let channels = beauty
+        .into_iter()
+        .chain(aovs.iter().flat_map(|aov| aov.channels(pixels.has_aovs(), with_extras, pixels.light_groups())));
     let channels = channels.map(|channel| {
         let (name, value) = (text(&channel.name), channel.value);
         let row = converted.filter(|_| is_color(&channel)).map(|matrix| matrix.row(channel.component));
@@ -140,7 +142,7 @@ fn image_of<'a>(pixels: &'a dyn Pixels, layers: Layers<'a>, header: &Header) -> 
             }
         };
         let samples = match value {
-            Value::Color(_) | Value::ExtraColor(_) if layers.half => {
+            Value::Color(_) | Value::ExtraColor(_) | Value::Light(_) if layers.half => {
                 Samples::Half(Box::new(move |x, y| half(float(x, y))))
             }
             Value::Uint(f) => Samples::Uint(Box::new(move |x, y| {
@@ -202,7 +204,8 @@ fn image_of<'a>(pixels: &'a dyn Pixels, layers: Layers<'a>, header: &Header) -> 
 
 /// Is it red, green or blue of a colour?
 fn is_color(channel: &Channel) -> bool {
-    matches!(channel.value, Value::Color(_) | Value::ExtraColor(_)) && channel.name.ends_with(['R', 'G', 'B'])
+    matches!(channel.value, Value::Color(_) | Value::ExtraColor(_) | Value::Light(_))
+        && channel.name.ends_with(['R', 'G', 'B'])
 }
 
 /// The nearest 16-bit float; larger finite values become the largest finite one.

@@ -17,6 +17,8 @@ pub struct Aovs<'a> {
     pub sums: &'a mut [AovSums],
     /// Sums of further AOVs; empty if not requested.
     pub extras: &'a mut [ExtraSums],
+    /// By task and then by group, light of the groups that are asked for; empty without them.
+    pub groups: &'a mut [[f32; 3]],
     /// Columns, reused between waves.
     pub columns: &'a mut AovColumns,
 }
@@ -52,8 +54,8 @@ impl PathEvents for Aovs<'_> {
 
     fn emission(&mut self, at: &WaveContext, rays: &PathRays, found: &FoundEmission) {
         let path = rays.path[found.ray as usize];
+        self.add_light(at, path, found.group.into(), found.radiance);
         if let Some(extras) = self.extras.get_mut(at.pixel(path)) {
-            extras.add_light(found.kind.group(), found.radiance);
             let passed_wall = rays.passed_wall.get(found.ray as usize).is_some_and(|passed| *passed);
             if at.depth == 0 && found.kind == LightKind::Area && !passed_wall {
                 extras.add_emission(found.radiance);
@@ -66,21 +68,15 @@ impl PathEvents for Aovs<'_> {
 
     fn unoccluded(&mut self, at: &WaveContext, shadows: &ShadowRays, found: &UnoccludedLight) {
         let path = shadows.path[found.row];
-        if let Some(extras) = self.extras.get_mut(at.pixel(path)) {
-            extras.add_light(shadows.kind(found.row).group(), found.radiance);
-        }
+        self.add_light(at, path, shadows.group(found.row), found.radiance);
         if at.depth == 0 {
             self.add_direct(path, found.radiance);
         }
     }
 
     fn borrowed(&mut self, at: &WaveContext, light: &BorrowedLight) {
-        if let Some(extras) = self.extras.get_mut(at.pixel(light.path)) {
-            LightKind::ALL
-                .iter()
-                .zip(light.by_kind)
-                .for_each(|(kind, radiance)| extras.add_light(kind.group(), radiance));
-        }
+        let lit = light.by_group.iter().enumerate().filter(|(_, radiance)| **radiance != Vec3::ZERO);
+        lit.for_each(|(group, radiance)| self.add_light(at, light.path, group, *radiance));
     }
 
     fn end(&mut self, at: &WaveContext, radiance: &[Vec3]) {
@@ -93,6 +89,18 @@ impl PathEvents for Aovs<'_> {
 }
 
 impl Aovs<'_> {
+    #[inline]
+    fn add_light(&mut self, at: &WaveContext, path: u32, group: usize, radiance: Vec3) {
+        let pixel = at.pixel(path);
+        let sum = match &at.transport.groups {
+            Some(table) => self.groups.get_mut(pixel * table.count + group),
+            None => self.extras.get_mut(pixel).map(|extras| &mut extras.lights[group]),
+        };
+        if let Some(sum) = sum {
+            *sum = (Vec3::from(*sum) + radiance).into();
+        }
+    }
+
     fn add_direct(&mut self, path: u32, radiance: Vec3) {
         if let Some(direct) = self.columns.direct.get_mut(path as usize) {
             *direct += radiance;

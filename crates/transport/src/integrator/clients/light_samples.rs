@@ -45,7 +45,7 @@ impl PathEvents for LightSampleRecorder {
         let path = group.path_ids.path.to_array();
         let record_of = eight(|lane| {
             let record = self.records.len() as u32;
-            if recorded >> lane & 1 == 1 && samples.emitter[lane] != SIZED {
+            if recorded >> lane & 1 == 1 && samples.emitter[lane] < SIZED {
                 self.records.push(LightSampleRecord {
                     position: position.lane(lane),
                     normal: normal.lane(lane),

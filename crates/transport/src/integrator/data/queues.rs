@@ -117,9 +117,6 @@ impl SortedHits {
     }
 }
 
-/// Number of [`LightKind`]s.
-pub const KINDS: usize = 4;
-
 /// The kinds of light sources.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LightKind {
@@ -135,11 +132,16 @@ pub enum LightKind {
 
 impl LightKind {
     /// All kinds, by their numbers.
-    pub const ALL: [Self; KINDS] = [Self::Environment, Self::Area, Self::Punctual, Self::Sized];
+    pub const ALL: [Self; 4] = [Self::Environment, Self::Area, Self::Punctual, Self::Sized];
 
-    /// Number of the group of light that it adds to: environment, emissive surfaces, punctual lights.
-    pub fn group(self) -> usize {
-        (self as usize).min(Self::Punctual as usize)
+    /// Its group where none are asked for: environment, emissive surfaces, punctual lights.
+    pub const fn group(self) -> u8 {
+        if matches!(self, Self::Sized) { Self::Punctual as u8 } else { self as u8 }
+    }
+
+    /// Itself and a group in one number.
+    pub const fn with(self, group: u8) -> u32 {
+        self as u32 | (group as u32) << 8
     }
 }
 
@@ -163,7 +165,7 @@ pub struct ShadowRays {
     pub path: Vec<u32>,
     /// Number in the wave of the ray that arrived at the vertex.
     pub ray: Vec<u32>,
-    /// [`LightKind`] as a number.
+    /// [`LightKind::with`] its group.
     kind: Vec<u32>,
     /// Are the rays occluded?
     pub occluded: Vec<bool>,
@@ -201,8 +203,8 @@ impl ShadowRays {
         }
     }
 
-    /// Appends the survivors of a group: rays of length `tfar`, contribution, path, arriving ray and [`LightKind`]. `key` and `time`
-    /// are those of [`RayBatch`].
+    /// Appends the survivors of a group: rays of length `tfar`, contribution, path, arriving ray and [`LightKind::with`]. `key` and
+    /// `time` are those of [`RayBatch`].
     #[inline(always)]
     #[allow(clippy::too_many_arguments, reason = "a row's columns")]
     pub fn push(
@@ -232,6 +234,12 @@ impl ShadowRays {
     /// Kind of the light at the end of a ray.
     #[inline]
     pub fn kind(&self, row: usize) -> LightKind {
-        LightKind::ALL[self.kind[row] as usize]
+        LightKind::ALL[self.kind[row] as usize & 3]
+    }
+
+    /// Group of the light at the end of a ray.
+    #[inline]
+    pub fn group(&self, row: usize) -> usize {
+        self.kind[row] as usize >> 8
     }
 }

@@ -1,9 +1,13 @@
 //! The read-only input of path tracing.
 
+use std::sync::Arc;
+
 use super::camera::CameraRays;
 use super::dimensions::MAX_SEGMENTS;
+use super::light_groups::LightGroupTable;
 use super::prepared::Names;
 use super::proposal::Proposal;
+use super::queues::LightKind;
 use crate::balance::{Counts, Heuristic};
 use crate::integrator::surface::geometry::Geometry;
 use crate::integrator::surface::geometry::SurfacePoint;
@@ -53,6 +57,8 @@ pub struct Transport<'a> {
     pub straight_glass_shadows: bool,
     /// Height in metres of the ground that catches shadows ([`ground`](crate::integrator::clients::ground)), if there is one.
     pub ground: Option<f32>,
+    /// Groups of the lights, where they are not grouped by kind.
+    pub groups: Option<Arc<LightGroupTable>>,
     /// What light samples and directions are drawn by.
     pub proposal: Proposal<'a>,
 }
@@ -62,6 +68,12 @@ impl Transport<'_> {
     pub fn longest_path(&self) -> u32 {
         let uncounted = if self.materials.has_smooth_bodies { MAX_GLASS_BOUNCES } else { 0 };
         self.max_depth.saturating_add(uncounted).min(MAX_SEGMENTS)
+    }
+
+    /// Group of a light of a kind, which `of` finds in the table.
+    #[inline]
+    pub fn group(&self, kind: LightKind, of: impl FnOnce(&LightGroupTable) -> u8) -> u8 {
+        self.groups.as_deref().map_or(kind.group(), of)
     }
 
     /// The surface point that a ray hit.

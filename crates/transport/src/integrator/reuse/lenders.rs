@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use crate::integrator::data::queues::KINDS;
+use crate::integrator::data::light_groups::MAX_GROUPS;
 
 /// Marks a sample or a ray that lends nothing.
 pub const NONE: u32 = u32::MAX;
@@ -29,10 +29,12 @@ pub struct Lender {
     pub y: u32,
     /// Unit directions at it: of its light sample, of its sample of the punctual lights, of its path's next ray.
     pub directions: [Vec3; 3],
-    /// By [`LightKind`](crate::integrator::data::queues::LightKind), outgoing radiance of light samples toward the own first surface, linear RGB.
-    pub sampled: [Vec3; KINDS],
-    /// The same of what its path finds from there on.
-    pub beyond: [Vec3; KINDS],
+    /// Outgoing radiance of its light sample and of its sample of the punctual lights toward the own first surface, linear RGB.
+    pub sampled: [Vec3; 2],
+    /// Their groups of lights.
+    pub groups: [u8; 2],
+    /// By groups of lights, the same of what its path finds from there on.
+    pub beyond: [Vec3; MAX_GROUPS],
 }
 
 impl Lender {

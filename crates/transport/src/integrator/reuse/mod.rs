@@ -20,8 +20,9 @@ use glam::Vec3;
 use super::data::context::WaveContext;
 use super::data::counts::WaveCounts;
 use super::data::history::MIRROR_PDF;
+use super::data::light_groups::MAX_GROUPS;
 use super::data::path_states::NonFiniteSamples;
-use super::data::queues::{KINDS, LightKind, PathRays, ShadowRays};
+use super::data::queues::{LightKind, PathRays, ShadowRays};
 use super::data::requests::RequestGroup;
 use super::data::transport::Transport;
 use super::data::vertices::Vertices;
@@ -105,8 +106,9 @@ impl Lending {
                     self.lenders.push(Lender {
                         y: row as u32,
                         directions: [Vec3::ZERO; 3],
-                        sampled: [Vec3::ZERO; KINDS],
-                        beyond: [Vec3::ZERO; KINDS],
+                        sampled: [Vec3::ZERO; 2],
+                        groups: [0; 2],
+                        beyond: [Vec3::ZERO; MAX_GROUPS],
                     });
                     vertices.beta.set(row, Vec3::ONE);
                 } else {
@@ -162,7 +164,7 @@ impl Lending {
     ) {
         let Some(reuse) = at.transport.proposal.reuse.filter(|_| self.active) else { return };
         let Self { vertices, samples, groups, lenders, pairs, .. } = self;
-        pairs.begin(at.transport.lights, samples.len());
+        pairs.begin(at.transport, samples.len());
         for (members, traced) in groups.each(reuse) {
             let q = traced as f32 / members.len() as f32;
             for member in &members[..traced] {
@@ -176,16 +178,23 @@ impl Lending {
             }
         }
         pairs.evaluate(at.transport, vertices, samples, lenders, counts);
-        for (sample, sums) in samples.iter().zip(&pairs.borrowed).filter(|(_, sums)| **sums != [Vec3::ZERO; KINDS]) {
+        let borrowed = pairs.borrowed.chunks(pairs.groups.len().max(1));
+        for (sample, sums) in samples.iter().zip(borrowed) {
+            if sums.iter().all(|sum| *sum == Vec3::ZERO) {
+                continue;
+            }
             let a_b = at.paths[sample.path as usize].samples_per_path[2];
-            let by_kind = sums.map(|sum| vertices[0].beta.get(sample.x as usize) * sum / a_b);
-            let radiance = by_kind.iter().sum::<Vec3>();
+            let mut by_group = [Vec3::ZERO; MAX_GROUPS];
+            for (group, sum) in pairs.groups.iter().zip(sums) {
+                by_group[*group] = vertices[0].beta.get(sample.x as usize) * sum / a_b;
+            }
+            let radiance = by_group.iter().sum::<Vec3>();
             if !radiance.is_finite() {
                 non_finite.add(sample.path);
                 continue;
             }
             light[sample.path as usize] += radiance;
-            clients.borrowed(at, &BorrowedLight { path: sample.path, index: sample.index, radiance, by_kind });
+            clients.borrowed(at, &BorrowedLight { path: sample.path, index: sample.index, radiance, by_group });
         }
     }
 }
@@ -230,7 +239,7 @@ impl<E: PathEvents> PathEvents for PathLight<'_, E> {
         if at.depth > 1 {
             let number = (rays.first + found.ray) as usize - at.paths.len();
             if let Some(lender) = self.lending.lender(number) {
-                lender.beyond[found.kind as usize] += found.radiance;
+                lender.beyond[usize::from(found.group)] += found.radiance;
                 return;
             }
         }
@@ -274,13 +283,14 @@ impl<E: PathEvents> PathEvents for PathLight<'_, E> {
     #[inline]
     fn unoccluded(&mut self, at: &WaveContext, shadows: &ShadowRays, found: &UnoccludedLight) {
         if at.depth > 0 {
-            let (kind, number) = (shadows.kind(found.row), shadows.ray[found.row] as usize - at.paths.len());
+            let (group, number) = (shadows.group(found.row), shadows.ray[found.row] as usize - at.paths.len());
             if let Some(lender) = self.lending.lender(number) {
                 if at.depth == 1 {
-                    lender.sampled[kind as usize] += found.radiance;
-                    lender.directions[usize::from(kind == LightKind::Punctual)] = shadows.rays.direction(found.row);
+                    let i = usize::from(shadows.kind(found.row) == LightKind::Punctual);
+                    (lender.sampled[i], lender.groups[i]) = (found.radiance, group as u8);
+                    lender.directions[i] = shadows.rays.direction(found.row);
                 } else {
-                    lender.beyond[kind as usize] += found.radiance;
+                    lender.beyond[group] += found.radiance;
                 }
                 return;
             }

@@ -11,13 +11,12 @@ use super::lenders::{FirstSample, Lender};
 use crate::bsdf::{Core, Lobe, Parameters};
 use crate::integrator::data::counts::{WaveCounts, timed};
 use crate::integrator::data::history::MIRROR_PDF;
-use crate::integrator::data::queues::{KINDS, LightKind};
+use crate::integrator::data::light_groups::MAX_GROUPS;
 use crate::integrator::data::transport::Transport;
 use crate::integrator::data::vertices::Vertices;
 use crate::integrator::stages::mixture::{self, Mixture};
 use crate::integrator::surface::shading_normal;
-use crate::lanes::{F, LANES, Rows, Survivors, U, V3, V3Column, eight, grow, load_bits, mask, store};
-use crate::light::Lights;
+use crate::lanes::{F, LANES, Rows, Survivors, U, V3, V3Column, are, eight, grow, load_bits, mask, store};
 use crate::rays::{RayBatch, RayOrder};
 
 /// Pairs of a batch, at which it is evaluated.
@@ -61,31 +60,36 @@ pub struct Pairs {
     ends: Vec<[u32; 2]>,
     /// The lenders, and the fraction q of their groups.
     lenders: Vec<(u32, f32)>,
-    /// The kinds of lights in the scene, as numbers.
-    kinds: Vec<usize>,
+    /// The groups of lights in the scene.
+    pub groups: Vec<usize>,
     /// Density of the direction in area measure; zero where the pair takes no part.
     pdf: Vec<f32>,
-    /// By kind of light, what is lent, but for the divisor.
-    radiance: [V3Column; KINDS],
+    /// By group of lights, what is lent, but for the divisor.
+    radiance: [V3Column; MAX_GROUPS],
     /// Visibility rays, and their pairs.
     rays: RayBatch,
     pair_of: Vec<u32>,
     occluded: Vec<bool>,
-    /// By sample and kind of light, what it borrows, for a throughput of one.
-    pub borrowed: Vec<[Vec3; KINDS]>,
+    /// By sample and then by `groups`, what it borrows, for a throughput of one.
+    pub borrowed: Vec<Vec3>,
 }
 
 impl Pairs {
     /// Begins with nothing borrowed.
-    pub fn begin(&mut self, lights: &Lights, samples: usize) {
-        let Self { kinds, .. } = self;
-        kinds.clear();
-        let present = [lights.environment.is_some(), lights.area.is_some(), lights.punctual, lights.sized.is_some()];
-        kinds.extend((0..KINDS).filter(|kind| present[*kind]));
+    pub fn begin(&mut self, transport: &Transport, samples: usize) {
+        let lights = transport.lights;
+        let punctual = lights.punctual || lights.sized.is_some();
+        let kinds = [lights.environment.is_some(), lights.area.is_some(), punctual];
+        let is_present = |group: &usize| match &transport.groups {
+            Some(table) => *group < table.count,
+            None => kinds.get(*group) == Some(&true),
+        };
+        self.groups.clear();
+        self.groups.extend((0..MAX_GROUPS).filter(is_present));
         self.ends.clear();
         self.lenders.clear();
         self.borrowed.clear();
-        self.borrowed.resize(samples, [Vec3::ZERO; KINDS]);
+        self.borrowed.resize(samples * self.groups.len(), Vec3::ZERO);
     }
 
     /// Adds a lender with all members of its group.
@@ -117,7 +121,7 @@ impl Pairs {
         for first in (0..n).step_by(LANES) {
             self.eight(transport, vertices, samples, lenders, first);
         }
-        let Self { ends, rays, pair_of, occluded, pdf, radiance, borrowed, kinds, lenders: of } = self;
+        let Self { ends, rays, pair_of, occluded, pdf, radiance, borrowed, groups, lenders: of } = self;
         rays.close(pair_of.len());
         counts.shadow_rays += rays.len() as u64;
         counts.shared_rays += rays.len() as u64;
@@ -133,9 +137,8 @@ impl Pairs {
             start = rows.end;
             let scale = 1.0 / (q * pdf[rows.clone()].iter().sum::<f32>());
             for (row, [_, sample]) in rows.zip(pairs).filter(|(row, _)| pdf[*row] > 0.0) {
-                for kind in &*kinds {
-                    borrowed[*sample as usize][*kind] += radiance[*kind].get(row) * scale;
-                }
+                let own = borrowed[*sample as usize * groups.len()..].iter_mut();
+                own.zip(&*groups).for_each(|(own, group)| *own += radiance[*group].get(row) * scale);
             }
         }
         ends.clear();
@@ -154,15 +157,12 @@ impl Pairs {
             });
             for lane in 0..group.len() {
                 let lender = &mut lenders[lane_of(lane)];
-                for &kind in &self.kinds {
-                    let over = |found: Vec3, direction: usize| {
-                        let value = values[direction].lane(lane);
-                        Vec3::select(value.cmpgt(Vec3::ZERO), found / value, Vec3::ZERO)
-                    };
-                    lender.sampled[kind] =
-                        over(lender.sampled[kind], usize::from(kind == LightKind::Punctual as usize));
-                    lender.beyond[kind] = over(lender.beyond[kind], 2);
-                }
+                let over = |found: Vec3, direction: usize| {
+                    let value = values[direction].lane(lane);
+                    Vec3::select(value.cmpgt(Vec3::ZERO), found / value, Vec3::ZERO)
+                };
+                lender.sampled = [0, 1].map(|i| over(lender.sampled[i], i));
+                self.groups.iter().for_each(|group| lender.beyond[*group] = over(lender.beyond[*group], 2));
             }
         }
     }
@@ -208,11 +208,12 @@ impl Pairs {
             }
             value(to, &y, ns_y, wo_y, V3::gather(eight(|lane| lender[lane].directions[i])))
         });
-        for &kind in &self.kinds {
-            let sampled = V3::gather(eight(|lane| lender[lane].sampled[kind]));
-            let beyond = V3::gather(eight(|lane| lender[lane].beyond[kind]));
-            let lent = sampled * values[usize::from(kind == LightKind::Punctual as usize)] + beyond * values[2];
-            self.radiance[kind].store(first, f * lent * to_area);
+        let sampled = [0, 1].map(|i| V3::gather(eight(|lane| lender[lane].sampled[i])) * values[i]);
+        let groups_of = [0, 1].map(|i| U::from(eight(|lane| u32::from(lender[lane].groups[i]))));
+        for &group in &self.groups {
+            let beyond = V3::gather(eight(|lane| lender[lane].beyond[group]));
+            let [a, b] = [0, 1].map(|i| V3::select(are(groups_of[i], group as u32), sampled[i], V3::ZERO));
+            self.radiance[group].store(first, f * (a + b + beyond * values[2]) * to_area);
         }
         let own = F::from(own.map(|own| if own { 1.0 } else { 0.0 })).simd_gt(F::ZERO);
         let traced = takes_part & !own;

@@ -37,6 +37,7 @@ fn emissive_surfaces(
     found: &mut Vec<FoundEmission>,
 ) {
     let transport = at.transport;
+    let group = |ray: usize| transport.group(LightKind::Area, |groups| groups.hit(hits.primitive(ray)));
     for ray in emissive.iter().map(|&ray| ray as usize) {
         let history = rays.history(ray);
         let point = transport.point(&rays.rays, hits, ray);
@@ -45,8 +46,8 @@ fn emissive_surfaces(
             if at.depth > 0 && !history.is_mirror_image() {
                 continue;
             }
-            let emission =
-                Emission { radiance: point.base_color(transport.scene), pdf: [0.0; 2], kind: LightKind::Area };
+            let radiance = point.base_color(transport.scene);
+            let emission = Emission { radiance, pdf: [0.0; 2], kind: LightKind::Area, group: group(ray) };
             found.extend(emission.weighted(at, ray, rays, non_finite));
             continue;
         }
@@ -61,7 +62,7 @@ fn emissive_surfaces(
                 _ if has_passed(rays, ray) => 0.0,
                 _ => transport.lights.area_pdf(when, from, hit, direction, hits.t[ray], &transport.proposal.lights),
             };
-            let emission = Emission { radiance, pdf: [0.0, pdf], kind: LightKind::Area };
+            let emission = Emission { radiance, pdf: [0.0, pdf], kind: LightKind::Area, group: group(ray) };
             found.extend(emission.weighted(at, ray, rays, non_finite));
         }
     }
@@ -82,6 +83,8 @@ fn environment(
     if transport.lights.environment.is_none() || (hidden && rays.passed_wall.is_empty()) {
         return;
     }
+    let kind = LightKind::Environment;
+    let group = transport.group(kind, |groups| groups.environment);
     for first in (0..escaped.len()).step_by(LANES) {
         let (rows, n) = eight_of(escaped, first);
         let (radiance, pdf) = transport.lights.environment(rays.rays.directions(&rows), &transport.proposal.lights);
@@ -94,7 +97,7 @@ fn environment(
             }
             let passed = has_passed(rays, escaped[first + lane] as usize);
             let pdf = if depth == 0 || passed { 0.0 } else { pdf.as_array()[lane] };
-            let emission = Emission { radiance: radiance.lane(lane), pdf: [pdf, 0.0], kind: LightKind::Environment };
+            let emission = Emission { radiance: radiance.lane(lane), pdf: [pdf, 0.0], kind, group };
             found.extend(emission.weighted(at, escaped[first + lane] as usize, rays, non_finite));
         }
     }
@@ -112,6 +115,7 @@ struct Emission {
     /// Densities per solid angle of light samples in this direction: environment, area lights. One of them is zero.
     pdf: [f32; 2],
     kind: LightKind,
+    group: u8,
 }
 
 impl Emission {
@@ -133,7 +137,7 @@ impl Emission {
             return None;
         }
         let (radiance, _) = clamp_contribution(radiance, limit(at));
-        Some(FoundEmission { ray: ray as u32, radiance, pdf: self.pdf, kind: self.kind })
+        Some(FoundEmission { ray: ray as u32, radiance, pdf: self.pdf, kind: self.kind, group: self.group })
     }
 }
 

@@ -14,7 +14,7 @@ use crate::integrator::data::requests::RequestGroup;
 use crate::integrator::data::transport::Transport;
 use crate::integrator::data::vertices::Vertices;
 use crate::integrator::events::{LightSampleGroup, PathEvents, UnoccludedLight};
-use crate::lanes::{F, LANES, Survivors, U, V3, load, load_bits, mask};
+use crate::lanes::{F, LANES, Survivors, U, V3, eight, load, load_bits, mask};
 use crate::light::samples::SIZED;
 use crate::light::{LightSampleContext, LightSamples, punctual};
 use crate::sampling::{hashes, keys, samples};
@@ -106,11 +106,12 @@ fn sample_extended(
     let weighted_pdf = is_environment.select(a_env, a_area) * light.pdf;
     let weight = transport.heuristic.weights(weighted_pdf, a_b * bsdf_pdf);
     let radiance = vertices.beta.load(rows) * value * light.radiance * (weight / weighted_pdf);
-    let [environment, area] = [LightKind::Environment, LightKind::Area].map(|kind| U::splat(kind as u32));
+    let [environment, area, sized] = KINDS.map(|kind| U::splat(kind.with(kind.group())));
     let mut kind = cast::<F, U>(is_environment).select(environment, area);
     if transport.lights.sized.is_some() {
-        kind = U::from(light.emitter).simd_eq(U::splat(SIZED)).select(U::splat(LightKind::Sized as u32), kind);
+        kind = (U::from(light.emitter) & U::splat(SIZED)).simd_eq(U::splat(SIZED)).select(sized, kind);
     }
+    let kind = grouped(transport, kind, &light);
     let found = Found { light, radiance, bsdf_pdf, kind };
     let (survivors, first_row, radiance) =
         push_shadow_rays(transport, depth, vertices, bsdf, group, &found, (non_finite, shadows));
@@ -136,8 +137,20 @@ fn sample_punctual(
     let bsdf = vertices.bsdf(rows);
     let (value, bsdf_pdf) = bsdf.eval_pdf(vertices.ns.load(rows), vertices.wo.load(rows), light.wi);
     let radiance = vertices.beta.load(rows) * value * light.radiance;
-    let found = Found { light, radiance, bsdf_pdf, kind: U::splat(LightKind::Punctual as u32) };
+    let kind = grouped(transport, U::splat(LightKind::Punctual.with(LightKind::Punctual.group())), &light);
+    let found = Found { light, radiance, bsdf_pdf, kind };
     push_shadow_rays(transport, depth, vertices, &bsdf, group, &found, (non_finite, shadows));
+}
+
+/// Kinds of lights that have an extent.
+const KINDS: [LightKind; 3] = [LightKind::Environment, LightKind::Area, LightKind::Sized];
+
+/// Kinds of eight light samples, with the groups of the chosen lights where lights are not grouped by kind.
+#[inline]
+fn grouped(transport: &Transport, kind: U, light: &LightSamples) -> U {
+    let Some(groups) = &transport.groups else { return kind };
+    let kinds = kind.to_array().map(|kind| LightKind::ALL[kind as usize & 3]);
+    U::from(eight(|lane| kinds[lane].with(groups.sampled(kinds[lane], light.emitter[lane]))))
 }
 
 /// Eight light samples, with the contribution of the light where nothing is in between.
@@ -145,7 +158,7 @@ struct Found {
     light: LightSamples,
     radiance: V3,
     bsdf_pdf: F,
-    /// [`LightKind`] as a number.
+    /// [`LightKind::with`] its group.
     kind: U,
 }
 

@@ -45,7 +45,9 @@ impl SizedLightHits {
         let limit = emission::limit(at);
         for (row, (ray, hit)) in self.found.iter().enumerate().filter(|(row, _)| !self.shadows.occluded[*row]) {
             let (radiance, _) = clamp_contribution(self.shadows.radiance.get(row), limit);
-            let found = FoundEmission { ray: *ray, radiance, pdf: [0.0, hit.pdf], kind: LightKind::Sized };
+            let kind = LightKind::Sized;
+            let group = at.transport.group(kind, |groups| groups.punctual[hit.light as usize]);
+            let found = FoundEmission { ray: *ray, radiance, pdf: [0.0, hit.pdf], kind, group };
             clients.emission(at, rays, &found);
         }
     }
@@ -104,7 +106,7 @@ impl SizedLightHits {
             }
             let ray = (rays.rays.origins(&rows), rays.rays.directions(&rows));
             let (key, ends) = (load_bits(&rays.rays.key, &rows), F::from(hits.map(|(_, hit)| hit.end)));
-            let ids = [load_bits(&rays.path, &rows), U::ZERO, U::splat(LightKind::Sized as u32)];
+            let ids = [load_bits(&rays.path, &rows), U::ZERO, U::splat(LightKind::Sized.with(0))];
             shadows.push(&survivors, ray, ends, (key, rays.rays.times(&rows)), radiance, ids);
         }
         shadows.close();

@@ -144,7 +144,7 @@ pub fn build(
     materials.note_unused(document, &mut notes);
     textures.note_unused(document, &mut notes);
     scene.materials = materials.materials;
-    scene.lights = flattened.lights;
+    (scene.lights, scene.light_nodes) = (flattened.lights, flattened.light_nodes);
     scene.cameras = flattened.cameras;
     scene.cameras.extend(framing.map(Camera::framed));
     textures.decode(document, (file_bytes, views), cache, &mut scene, &mut notes)?;
@@ -291,7 +291,8 @@ impl Assembly<'_> {
         }
         if let Some((placement, _)) = single {
             let (name, category) = (placement.name.clone(), placement.category.clone());
-            self.scene.instances.push(Instance { name, category, object, ..Default::default() });
+            let light_group = placement.light_group.clone();
+            self.scene.instances.push(Instance { name, category, light_group, object, ..Default::default() });
             return Ok(());
         }
         self.add_instances(object, mesh, placements, notes)
@@ -318,6 +319,7 @@ impl Assembly<'_> {
             self.scene.instances.push(Instance {
                 name: placement.name.clone(),
                 category: placement.category.clone(),
+                light_group: placement.light_group.clone(),
                 object,
                 transform: Some(to_f32(&thickened(&placement.world, &corners))),
                 motion: times.shutter.and_then(|transforms| Motion::new(&thick(transforms))).map(Arc::new),

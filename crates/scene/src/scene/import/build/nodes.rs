@@ -13,7 +13,7 @@ use crate::scene::import::document::Document;
 use crate::scene::import::document::extensions::{Support, support};
 use crate::scene::import::document::nodes::{Instancing, world_transforms};
 use crate::scene::import::report::Notes;
-use crate::scene::{Camera, Motion, PunctualLight};
+use crate::scene::{Camera, LightNode, Motion, PunctualLight};
 
 /// Identity of an object: nodes with equal keys share their meshes.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
@@ -31,6 +31,8 @@ pub struct Placement {
     pub name: String,
     /// [`crate::scene::Instance::category`].
     pub category: Option<Arc<str>>,
+    /// [`crate::scene::Instance::light_group`].
+    pub light_group: Option<Arc<str>>,
     pub world: DAffine3,
     pub at: String,
     /// Index of the node that has the mesh.
@@ -53,6 +55,7 @@ pub struct FlattenedScene {
     pub objects: Vec<(ObjectKey, Vec<Placement>)>,
     pub cameras: Vec<Camera>,
     pub lights: Vec<PunctualLight>,
+    pub light_nodes: Vec<LightNode>,
     /// Every node's transform to world space, also those of other scenes (joints may be anywhere).
     pub worlds: Vec<DMat4>,
 }
@@ -72,14 +75,17 @@ pub fn flatten(
     let mut by_key: HashMap<ObjectKey, usize> = HashMap::new();
     let mut shown = vec![false; nodes.len()];
     // In the document's order, depth first.
-    let mut stack: Vec<_> = document.roots.iter().rev().map(|&root| (root, true, None::<Arc<str>>)).collect();
-    while let Some((index, parent_visible, parent_category)) = stack.pop() {
+    let mut stack: Vec<_> =
+        document.roots.iter().rev().map(|&root| (root, true, [const { None::<Arc<str>> }; 2])).collect();
+    while let Some((index, parent_visible, [parent_category, parent_group])) = stack.pop() {
         let node = &nodes[index];
         let content = node.content()?;
         let visible = parent_visible && content.visible;
         shown[index] = true;
         let category = node.category.clone().or(parent_category);
-        stack.extend(node.children.iter().rev().map(|&child| (child, visible, category.clone())));
+        let light_group = node.light_group.clone().or(parent_group);
+        let inherited = [category.clone(), light_group.clone()];
+        stack.extend(node.children.iter().rev().map(|&child| (child, visible, inherited.clone())));
         for name in &content.extensions {
             if let Support::Ignored(why) = support(name) {
                 notes.ignored(&format!("{}.extensions.{name}", node.at), format!("{name}: {why}"));
@@ -115,6 +121,8 @@ pub fn flatten(
             placed.set_size(node.light_size.radius, node.light_size.angle);
             let motion: Option<Vec<_>> = time_samples[..shutter_samples].iter().map(|m| m.lights[index]).collect();
             let motion = motion.filter(|keys| keys.iter().any(|key| *key != placed.key()));
+            let group = light_group.clone().or_else(|| light?.group.clone());
+            out.light_nodes.push(LightNode { name: node.name.clone(), group });
             out.lights.push(PunctualLight { motion: motion.unwrap_or_default(), ..placed });
         }
         let Some(mesh) = content.mesh else { continue };
@@ -139,6 +147,7 @@ pub fn flatten(
         let place = |world: DAffine3, inside: Option<(usize, DAffine3)>| Placement {
             name: node.name.clone(),
             category: category.clone(),
+            light_group: light_group.clone(),
             world,
             at: node.at.clone(),
             from: index,

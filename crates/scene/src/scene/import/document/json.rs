@@ -1,6 +1,7 @@
 //! JSON values with their path, so that every error says where it is.
 
 use std::fmt::Display;
+use std::sync::Arc;
 
 use serde_json::{Map, Value};
 
@@ -197,6 +198,12 @@ pub fn join(steps: &[Step]) -> String {
         }
     }
     out
+}
+
+/// A text in `extras`, which may be anything: what is no text, or empty, is `None`.
+pub fn extra(json: &Json, name: &str) -> Option<Arc<str>> {
+    let text = json.value().get("extras")?.get(name)?.as_str()?;
+    (!text.is_empty()).then(|| text.into())
 }
 
 /// Visits every extension in the document, except in `extras`, with the path of its `extensions` object. Recursion depth is

@@ -1,12 +1,13 @@
 //! Punctual lights of the document (KHR_lights_punctual).
 
 use std::f32::consts::{FRAC_PI_2, PI};
+use std::sync::Arc;
 
 use glam::Vec3;
 use gltf::json::extensions::scene::khr_lights_punctual::{self, Type};
 use gltf::json::validation::Checked;
 
-use super::json::Json;
+use super::json::{Json, extra};
 use super::typed::read;
 use crate::error::Result;
 use crate::scene::import::report::Notes;
@@ -23,6 +24,8 @@ pub struct Light {
     pub range: f32,
     /// Of its `extras`.
     pub size: Size,
+    /// Likewise.
+    pub group: Option<Arc<str>>,
     pub at: String,
 }
 
@@ -61,8 +64,8 @@ pub fn parse(json: &Json, notes: &mut Notes) -> Result<Light> {
         }
         Checked::Invalid => None,
     };
-    let size = Size::parse(json);
-    Ok(Light { name: from.name.filter(|n| !n.is_empty()), kind, intensity, range, size, at: json.at.clone() })
+    let (size, group) = (Size::parse(json), extra(json, "light_group"));
+    Ok(Light { name: from.name.filter(|n| !n.is_empty()), kind, intensity, range, size, group, at: json.at.clone() })
 }
 
 /// The size of a light in `extras`, where Blender's exporter writes custom properties: `radius` or `shadow_soft_size`, as

@@ -5,7 +5,7 @@ use gltf::json::material::AlphaMode as Alpha;
 use gltf::json::validation::Checked;
 
 use super::extensions::{Support, support};
-use super::json::Json;
+use super::json::{Json, extra};
 use super::lengths::Lengths;
 use super::lobes;
 use super::texture_info::{TextureInfo, TextureInfos};
@@ -41,7 +41,8 @@ impl Material {
             x.clamp(0.0, 1.0)
         };
         let texture = |json: &Json, key: &str| TextureInfo::parse(json, key, lengths);
-        let mut plain = scene::Material { name: json.name()?, ..Default::default() };
+        let mut plain =
+            scene::Material { name: json.name()?, light_group: extra(json, "light_group"), ..Default::default() };
         let mut textures = [const { None }; TextureSlot::ALL.len()];
         if let Some(pbr) = json.get("pbrMetallicRoughness")? {
             let from = from.pbr_metallic_roughness;

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::{DAffine3, DMat4, DQuat, DVec3};
 
 use super::accessors::{Accessor, Component, Shape};
-use super::json::Json;
+use super::json::{Json, extra};
 use super::lengths::Lengths;
 use super::lights::Size;
 use super::primitives::{Mesh, read_weights};
@@ -19,6 +19,8 @@ pub struct Node {
     pub name: String,
     /// `extras.category`, if it is a text.
     pub category: Option<Arc<str>>,
+    /// `extras.light_group`, if it is a text.
+    pub light_group: Option<Arc<str>>,
     /// A size in its `extras`, which goes before that of its light.
     pub light_size: Size,
     pub children: Vec<usize>,
@@ -56,7 +58,8 @@ impl Node {
     pub fn parse(json: &Json, lengths: &Lengths, meshes: &Table<Mesh>, accessors: &Table<Accessor>) -> Result<Self> {
         Ok(Self {
             name: json.name()?,
-            category: category(json),
+            category: extra(json, "category"),
+            light_group: extra(json, "light_group"),
             light_size: Size::parse(json),
             children: json.indices("children", lengths.nodes, "nodes")?,
             transform: transform(json)?,
@@ -103,12 +106,6 @@ impl Content {
         let extensions = json.extension_names()?.into_iter().map(Into::into).collect();
         Ok(Self { mesh, skin, camera, light, weights, instancing, visible, extensions })
     }
-}
-
-/// `extras` may be anything: what is no text names no category.
-fn category(json: &Json) -> Option<Arc<str>> {
-    let name = json.value().get("extras")?.get("category")?.as_str()?;
-    (!name.is_empty()).then(|| name.into())
 }
 
 fn transform(json: &Json) -> Result<DAffine3> {

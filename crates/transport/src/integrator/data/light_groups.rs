@@ -1,0 +1,55 @@
+//! Groups of lights, by which layers divide the beauty.
+
+use super::queues::LightKind;
+use crate::light::Lights;
+use crate::light::samples::SIZED;
+use crate::scene::Primitive;
+
+/// Largest number of groups, with that of the lights that no other has.
+pub const MAX_GROUPS: usize = 9;
+
+/// The number of the group of each light of a scene.
+#[derive(Debug, Default)]
+pub struct LightGroupTable {
+    /// Number of groups.
+    pub count: usize,
+    /// That of the environment.
+    pub environment: u8,
+    /// By index in [`Scene::lights`](crate::scene::Scene::lights).
+    pub punctual: Vec<u8>,
+    /// By instance and mesh, sorted: surfaces that emit or are unlit.
+    pub surfaces: Vec<([u32; 2], u8)>,
+    /// By index of an area light.
+    area: Vec<u8>,
+}
+
+impl LightGroupTable {
+    /// The same with the groups of these area lights.
+    pub fn with_area(mut self, lights: &Lights) -> Self {
+        let all = lights.area.iter().flat_map(|area| area.surfaces());
+        self.area = all.map(|surface| self.surface(surface)).collect();
+        self
+    }
+
+    /// Of an instance and a mesh.
+    fn surface(&self, surface: [u32; 2]) -> u8 {
+        self.surfaces.binary_search_by_key(&surface, |(own, _)| *own).map_or(0, |i| self.surfaces[i].1)
+    }
+
+    /// Of the surface that a ray hit.
+    pub fn hit(&self, hit: Primitive) -> u8 {
+        self.surface([hit.instance, hit.mesh])
+    }
+
+    /// Of the light of this kind that a light sample has chosen ([`LightSamples::emitter`](crate::light::LightSamples::emitter)).
+    #[inline]
+    pub fn sampled(&self, kind: LightKind, emitter: u32) -> u8 {
+        let of = |groups: &[u8], index: u32| groups.get(index as usize).copied().unwrap_or(0);
+        match kind {
+            LightKind::Environment => self.environment,
+            LightKind::Area => of(&self.area, emitter),
+            LightKind::Punctual => of(&self.punctual, emitter),
+            LightKind::Sized => of(&self.punctual, emitter ^ SIZED),
+        }
+    }
+}

@@ -1,0 +1,154 @@
+//! Groups of lights by name, by which layers divide the beauty.
+
+use std::fmt;
+use std::str::FromStr;
+
+use glob::Pattern;
+use serde::{Deserialize, Serialize};
+
+use crate::integrator::data::light_groups::{LightGroupTable, MAX_GROUPS};
+use crate::scene::Scene;
+use crate::{Error, Result};
+
+/// The group of lights that no other group has.
+pub const REST: &str = "rest";
+/// The environment's name.
+const ENVIRONMENT: &str = "env";
+
+/// Groups of lights: `NAME=PATTERN,...`. A name alone, or with several patterns, one after the other, is allowed.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub struct LightGroups {
+    text: String,
+    /// In the order of the text, and [`REST`].
+    names: Vec<String>,
+    /// The numbers of groups with their patterns.
+    patterns: Vec<(usize, Pattern)>,
+}
+
+impl FromStr for LightGroups {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        let (mut names, mut patterns) = (Vec::<String>::new(), Vec::new());
+        for item in text.split(',').map(str::trim) {
+            let (name, pattern) = item.split_once('=').map_or((item, None), |(name, pattern)| (name, Some(pattern)));
+            let is_letter = |c: char| c.is_ascii_alphanumeric() || "_-".contains(c);
+            if name.is_empty() || name.len() > 64 || !name.chars().all(is_letter) || pattern == Some("") {
+                return Err(format!("'{item}' is not NAME=PATTERN, with letters, digits, _ and - in the name"));
+            }
+            if name == REST {
+                return Err(format!("'{REST}' is the group of all lights that no other has: choose another name"));
+            }
+            let group = names.iter().position(|own| own == name).unwrap_or_else(|| {
+                names.push(name.into());
+                names.len() - 1
+            });
+            if let Some(pattern) = pattern {
+                let pattern = Pattern::new(pattern).map_err(|e| format!("'{item}': {}", e.msg))?;
+                patterns.push((group, pattern));
+            }
+        }
+        if names.len() >= MAX_GROUPS {
+            return Err(format!("{} groups: at most {}", names.len(), MAX_GROUPS - 1));
+        }
+        names.push(REST.into());
+        Ok(Self { text: text.into(), names, patterns })
+    }
+}
+
+impl TryFrom<String> for LightGroups {
+    type Error = String;
+
+    fn try_from(text: String) -> std::result::Result<Self, String> {
+        text.parse()
+    }
+}
+
+impl From<LightGroups> for String {
+    fn from(groups: LightGroups) -> Self {
+        groups.text
+    }
+}
+
+impl fmt::Display for LightGroups {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(&self.text)
+    }
+}
+
+impl LightGroups {
+    /// Their names, the last of which is [`REST`].
+    pub fn names(&self) -> &[String] {
+        &self.names
+    }
+
+    /// The groups of a scene's lights.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] for groups that overlap and for a group without a light.
+    pub fn table(&self, scene: &Scene) -> Result<LightGroupTable> {
+        let mut finder = Finder { groups: self, is_used: vec![false; self.names.len()], seen: Vec::new() };
+        let mut table = LightGroupTable::default();
+        table.count = self.names.len();
+        if scene.environment.is_some() {
+            table.environment = finder.find(&[ENVIRONMENT], None)?;
+        }
+        for (i, light) in scene.lights.iter().enumerate() {
+            let node = scene.light_nodes.get(i);
+            let names = [light.name.as_str(), node.map_or("", |node| &node.name)];
+            table.punctual.push(finder.find(&names, node.and_then(|node| node.group.as_deref()))?);
+        }
+        for (i, instance) in scene.instances.iter().enumerate() {
+            let object = &scene.objects[instance.object as usize];
+            for mesh in object.meshes.clone() {
+                let material = &scene.materials[scene.meshes[mesh as usize].material as usize];
+                if material.is_emissive() || material.unlit {
+                    let names = [instance.name.as_str(), &material.name, &object.name];
+                    let extra = instance.light_group.as_deref().or(material.light_group.as_deref());
+                    table.surfaces.push(([i as u32, mesh], finder.find(&names, extra)?));
+                }
+            }
+        }
+        table.surfaces.sort_unstable();
+        let unused = self.names.iter().zip(&finder.is_used).find(|(name, is_used)| !**is_used && *name != REST);
+        unused.map_or(Ok(table), |(name, _)| {
+            let (some, more) = (finder.seen.iter().take(10), finder.seen.len().saturating_sub(10));
+            let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+            let some = some.map(|name| format!("'{name}'")).collect::<Vec<_>>().join(", ");
+            Err(Error::Usage(format!("--light-groups: no light is in the group {name}; the names are {some}{more}")))
+        })
+    }
+}
+
+/// Finds the groups of lights.
+struct Finder<'a> {
+    groups: &'a LightGroups,
+    is_used: Vec<bool>,
+    /// The names so far.
+    seen: Vec<String>,
+}
+
+impl Finder<'_> {
+    /// The group of a light of these names, or of its `extra`.
+    fn find(&mut self, names: &[&str], extra: Option<&str>) -> Result<u8> {
+        for name in names.iter().filter(|name| !name.is_empty()) {
+            if !self.seen.iter().any(|seen| seen == name) {
+                self.seen.push((*name).to_owned());
+            }
+        }
+        let groups = self.groups;
+        let rest = groups.names.len() - 1;
+        let own = extra.and_then(|extra| groups.names.iter().position(|name| name == extra));
+        let matching = |(_, pattern): &&(usize, Pattern)| names.iter().any(|name| pattern.matches(name));
+        let mut found = groups.patterns.iter().filter(matching).map(|(group, _)| *group);
+        let group = own.or_else(|| found.next()).unwrap_or(rest);
+        if let (None, Some(other)) = (own, found.find(|other| *other != group)) {
+            let [a, b] = [group, other].map(|group| &groups.names[group]);
+            let light = names.iter().find(|name| !name.is_empty()).copied().unwrap_or_default();
+            return Err(Error::Usage(format!("--light-groups: '{light}' is in two groups, {a} and {b}")));
+        }
+        self.is_used[group] = true;
+        Ok(group as u8)
+    }
+}

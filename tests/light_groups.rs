@@ -1,0 +1,230 @@
+//! Layers of groups of lights, and their mixes.
+
+use std::fs;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use bismar::film::{Picture, Pixels, exr_file};
+use bismar::integrator::Reuse;
+use bismar::rays::Backend;
+use bismar::render::{Balance, Choice, RenderSettings, Technique, render};
+use bismar::scene::{Environment, LightNode, Material, PunctualKind, PunctualLight, Scene};
+use glam::Vec3;
+
+use crate::helpers::gltf_parts::Parts;
+use crate::helpers::program::{assert_same_bits, bits, expect};
+use crate::helpers::stage::{Stage, area_light, lambert, look, metal, rectangle};
+use crate::helpers::statistics::{Mean, z_limit};
+
+/// A floor, a wall of metal and a shelf under two lamps of one mesh each, an unlit sign, a point, a spherical light and a sky;
+/// only the lights of a group, or all.
+fn room(group: Option<usize>) -> Scene {
+    let is_on = |own: usize| group.is_none_or(|group| group == own);
+    let mut scene = Scene::default();
+    scene.environment = is_on(2).then(|| Environment::constant([0.2, 0.3, 0.4]));
+    rectangle(&mut scene, 0.0, [-2.0, 2.0], [-2.0, 2.0], true, lambert(0.7));
+    rectangle(&mut scene, 0.5, [-1.0, 0.0], [-1.0, 0.0], true, metal(0.3));
+    rectangle(&mut scene, 1.0, [0.2, 1.0], [-1.0, 0.5], true, lambert(0.8));
+    let sign = Material { unlit: true, base_color: glam::Vec4::ONE, ..Material::default() };
+    for (own, name, x, material) in
+        [(1, "Lamp left", -0.8, area_light(6.0)), (3, "Lantern", 0.8, area_light(9.0)), (1, "Lamp sign", 1.5, sign)]
+    {
+        let dark =
+            if material.unlit { Material { base_color: glam::Vec4::W, ..material.clone() } } else { lambert(0.0) };
+        let material = if is_on(own) { material } else { dark };
+        let up = material.unlit;
+        rectangle(&mut scene, if up { 0.1 } else { 2.0 }, [x - 0.2, x + 0.2], [-0.6, -0.2], up, material);
+        scene.instances.last_mut().unwrap().name = name.into();
+    }
+    for (own, name, x, size) in [(0, "Point", -0.5, 0.0), (0, "Ball", 0.3, 0.2), (3, "Other", 0.6, 0.1)] {
+        if is_on(own) {
+            scene.light_nodes.push(LightNode { name: format!("Key {name}"), group: (own == 3).then(|| "none".into()) });
+            scene.lights.push(PunctualLight {
+                name: name.into(),
+                kind: PunctualKind::Point,
+                intensity: Vec3::splat(0.8),
+                position: Vec3::new(x, 1.5, 0.5),
+                direction: Vec3::NEG_Y,
+                range: f32::INFINITY,
+                size,
+                motion: Vec::new(),
+            });
+        }
+    }
+    if is_on(3) {
+        scene.light_nodes.last_mut().unwrap().name = "Third".into();
+    }
+    look(&mut scene, Vec3::new(0.0, 1.2, 4.0), Vec3::new(0.0, 0.8, 0.0), 0.8);
+    scene
+}
+
+const GROUPS: &str = "key=Key*,practicals=Lamp*,sky=env";
+
+fn settings() -> RenderSettings {
+    RenderSettings { width: 24, height: 16, spp: Some(32), max_depth: 5, ..RenderSettings::even() }
+}
+
+#[test]
+fn layers_of_groups_are_pictures_by_their_lights_and_add_up_to_the_beauty() {
+    const REPLICAS: u32 = 24;
+    let alone = |group| Stage::new(Arc::new(room(Some(group))), Backend::Embree);
+    let alone =
+        [0, 1, 2, 3].map(|group| alone(group).mean_green(&RenderSettings { seed: 900, ..settings() }, 2 * REPLICAS));
+    let reuse: Reuse = "16:4".parse().unwrap();
+    let adaptive = settings().with(Technique::Adaptive, Choice::On);
+    let all = [
+        (Backend::Embree, settings()),
+        (Backend::Obvhs, RenderSettings { balance: Balance::Half, ..settings() }),
+        (Backend::Embree, RenderSettings { path_reuse: Some(reuse), ..settings() }),
+        (Backend::Obvhs, adaptive),
+    ];
+    let limit = z_limit(4 * all.len());
+    for (number, (backend, of)) in (1..).zip(all) {
+        let stage = Stage::new(Arc::new(room(None)), backend);
+        let mut means = [Mean::default(); 4];
+        for seed in 0..REPLICAS {
+            let groups = Some(GROUPS.parse().unwrap());
+            let of = RenderSettings { seed: 100 * number + seed, light_groups: groups, ..of.clone() };
+            let rendered = render(&stage.scene, &of, &AtomicBool::new(false), &|_| ()).unwrap();
+            let pixels = rendered.pixels();
+            assert_eq!(pixels.light_groups(), ["key", "practicals", "sky", "rest"]);
+            let mut sums = [0.0; 4];
+            for (x, y) in (0..16).flat_map(|y| (0..24).map(move |x| (x, y))) {
+                let stats = pixels.at(x, y).0;
+                let lights = [0, 1, 2, 3].map(|group| f64::from(pixels.light(x, y, group)[1]));
+                let (sum, beauty) = (lights.iter().sum::<f64>(), stats.sum[1]);
+                assert!((sum - beauty).abs() <= 1e-4 * beauty.max(1.0), "{sum} for {beauty}");
+                (0..4).for_each(|group| sums[group] += lights[group] / f64::from(stats.samples) / 384.0);
+            }
+            means.iter_mut().zip(sums).for_each(|(mean, sum)| mean.add(sum));
+            let plain = RenderSettings { light_groups: None, ..of.clone() };
+            if seed == 0 {
+                assert_eq!(stage.green(&plain), stage.green(&of), "groups change no bit of the beauty");
+            }
+        }
+        for (group, (ours, alone)) in means.iter().zip(&alone).enumerate() {
+            let z = (ours.mean - alone.mean) / ours.standard_error().hypot(alone.standard_error());
+            assert!(
+                alone.mean > 0.01 && z.abs() < limit,
+                "{number}, group {group}: {} {}, z {z}",
+                ours.mean,
+                alone.mean
+            );
+        }
+    }
+}
+
+#[test]
+fn wrong_groups_are_refused_by_name() {
+    let table = |groups: &str| {
+        let parsed = groups.parse::<bismar::render::LightGroups>()?;
+        parsed.table(&room(None)).map(drop).map_err(|e| e.to_string())
+    };
+    for (groups, words) in [
+        ("key=Key*,lamps=L*,all=Lamp left", "'Lamp left' is in two groups, lamps and all"),
+        ("key=Key*,sky=env,both=*", "'env' is in two groups, sky and both"),
+        (
+            "key=Sun*",
+            "no light is in the group key; the names are 'env', 'Point', 'Key Point', 'Ball', 'Key Ball', 'Other', 'Third', \
+                      'Lamp left', 'default', 'mesh' and",
+        ),
+        ("key", "no light is in the group key"),
+        ("rest=*", "'rest' is the group of all lights"),
+        ("k y=*", "'k y=*' is not NAME=PATTERN"),
+        ("key=", "'key=' is not NAME=PATTERN"),
+        ("key=[", "'key=['"),
+        ("", "'' is not NAME=PATTERN"),
+        ("a=*,b,c,d,e,f,g,h,i", "9 groups: at most 8"),
+    ] {
+        let said = table(groups).unwrap_err();
+        assert!(said.contains(words), "{groups}: {said}");
+    }
+    table("key=Key P*,key=Key B*,none").unwrap();
+    table("all=*").unwrap();
+}
+
+/// A triangle below two lights, one of which is in a group by the node above it, and a second triangle that glows.
+fn gltf() -> String {
+    let nodes = r#"[{"children":[1,2,3,4,5]},{"mesh":0,"rotation":[-0.7071068,0,0,0.7071068]},
+        {"name":"Sun.L","extras":{"radius":0.1},"translation":[0.3,1,-0.3],"extensions":{"KHR_lights_punctual":{"light":0}}},
+        {"extras":{"light_group":"fill"},"children":[6]},{"mesh":0,"translation":[0,0,-1],"name":"glow"},
+        {"camera":0,"translation":[0.3,0.5,1.5],"rotation":[-0.1305262,0,0,0.9914449]},
+        {"translation":[1,1,0],"extensions":{"KHR_lights_punctual":{"light":0}}}]"#;
+    let more = r#","materials":[{"emissiveFactor":[0.2,0.1,0],"extras":{"light_group":"glow"}}],
+        "cameras":[{"type":"perspective","perspective":{"yfov":1,"znear":0.1}}],
+        "extensions":{"KHR_lights_punctual":{"lights":[{"type":"point"}]}}"#;
+    let primitive = r#"{"attributes":{"POSITION":0},"material":0}"#.into();
+    Parts { nodes: nodes.into(), more: more.into(), primitive, ..Default::default() }.json()
+}
+
+fn layer(path: &Path, name: &str) -> Vec<[f32; 3]> {
+    Picture::open(path, Some(name)).unwrap().rgb
+}
+
+#[test]
+fn groups_are_merged_and_resumed_and_mixed_after_the_render() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    fs::write(at("a.gltf"), gltf()).unwrap();
+    let line = "render a.gltf --size 40x24 --spp 16 -q --light-groups key=Sun*,fill,glow";
+    expect(folder.path(), &format!("{line} -o whole.exr"), 0);
+    for part in 1..=2 {
+        expect(folder.path(), &format!("{line} --part {part}/2 -o {part}.exr"), 0);
+    }
+    expect(folder.path(), "merge 1.exr 2.exr -o merged.exr -q", 0);
+    assert_same_bits(&at("whole.exr"), &at("merged.exr"));
+    expect(folder.path(), &format!("{line} --spp 8 --checkpoint 9 -o out.exr").replace("--spp 16", ""), 0);
+    expect(folder.path(), &format!("{line} -o out.exr --resume"), 0);
+    assert_same_bits(&at("whole.exr"), &at("out.exr"));
+    expect(folder.path(), "render a.gltf --size 40x24 --spp 16 -q -o plain.exr", 0);
+    let all = bits(&at("whole.exr"));
+    for (name, values) in bits(&at("plain.exr")) {
+        assert!(all.iter().any(|(own, bits)| *own == name && *bits == values), "{name}");
+    }
+    expect(folder.path(), "check whole.exr --scene a.gltf", 0);
+
+    let [beauty, key, fill, glow, rest] =
+        ["", "light_key", "light_fill", "light_glow", "light_rest"].map(|name| match name {
+            "" => Picture::open(&at("whole.exr"), None).unwrap().rgb,
+            name => layer(&at("whole.exr"), name),
+        });
+    assert!([&key, &fill, &glow].iter().all(|layer| layer.iter().any(|c| c[0] > 0.01)));
+    let mut mixed = Vec::new();
+    for i in 0..beauty.len() {
+        let sum: Vec3 = [&key, &fill, &glow, &rest].map(|layer| Vec3::from(layer[i])).into_iter().sum();
+        assert!((sum - Vec3::from(beauty[i])).abs().max_element() < 1e-5);
+        mixed.push((1.5 * Vec3::from(key[i]) + Vec3::new(1.0, 0.5, 0.0) * Vec3::from(glow[i])).to_array());
+    }
+    exr_file::write_rgb(&at("hand.exr"), [0, 0, 40, 24], [0, 0, 40, 24], &mixed).unwrap();
+    let develop = "--view srgb --exposure 1 -q";
+    let mix = "--mix key=1.5,fill=0,glow=1:0.5:0,rest=0";
+    expect(folder.path(), &format!("develop whole.exr {mix} {develop} -o a.png"), 0);
+    expect(folder.path(), &format!("develop hand.exr {develop} -o b.png"), 0);
+    let [a, b] = ["a.png", "b.png"].map(|name| image::open(at(name)).unwrap().into_rgb8());
+    assert!(a.pixels().any(|pixel| pixel.0[0] > 20) && a == b);
+    for (line, code, words) in [
+        (
+            "develop whole.exr --mix sun=1",
+            64,
+            "no layer light_sun; of lights (`render --light-groups`) it has fill, glow, key, rest",
+        ),
+        ("develop plain.exr --mix key=1", 64, "it has none"),
+        ("develop whole.exr --mix key=-1", 64, "'key=-1' is not NAME=FACTOR"),
+        ("develop whole.exr --mix key=1:2", 64, "'key=1:2' is not NAME=FACTOR"),
+        ("render a.gltf --light-groups key=Sun*,all=*", 64, "'Sun.L' is in two groups, key and all"),
+        (
+            "render a.gltf --light-groups key=Sun* --balance second-order --spp 8",
+            64,
+            "--light-groups: --balance second-order",
+        ),
+        ("merge 1.exr other.exr -o no.exr", 65, "light-groups (all=* there, key=Sun*,fill,glow here)"),
+    ] {
+        if line.contains("other.exr") {
+            let other = "render a.gltf --size 40x24 --spp 16 -q --light-groups all=* --part 2/2 -o other.exr";
+            expect(folder.path(), other, 0);
+        }
+        let said = expect(folder.path(), line, code);
+        assert!(said.contains(words), "{line}: {said}");
+    }
+}
