@@ -47,7 +47,7 @@ LEFT_OUT = {
     "denoise": "a library of others", "time": "stops by the clock", "preset": "other defaults of flags that are here",
     "frames": "a way", "threads": "a way", "part": "a way", "resume": "a way", "checkpoint": "a way", "keep": "a way",
     "turntable": "many pictures", "cameras": "many pictures", "on-checkpoint": "a program", "path-mapping": "names of files",
-    "memory-limit": "refuses renders",
+    "memory-limit": "refuses renders", "light-groups": "names of a scene's lights",
 }
 LISTED = object()
 # Flags that make or need something that moves: of the scene that is made here.

@@ -81,6 +81,8 @@ export interface RenderFlags {
   light_radius?: number | string | undefined;
   /** Angle that all directional lights subtend, at most 180; the sun has 0.53. Without this, `angle` (radians) in the file's extras, or sharp shadows */
   sun_angle?: number | string | undefined;
+  /** Layers light_NAME in place of the kinds of --aov lights: at most 8 groups of lights by the names of lights, nodes, meshes and materials, with * and ?; env is the environment. `light_group` in the extras of a node, light or material goes before patterns. Other lights are in the layer light_rest; the sum is the beauty (docs/lights.md) */
+  light_groups?: string | number | readonly (string | number)[] | undefined;
   /** Render without any environment light */
   no_env?: boolean | undefined;
   /** Compensate the energy that microfacet models with a single scattering lose on rough surfaces, up to 69 % for rough metals. Off: the letter of glTF 2.0, appendix B, as Mitsuba's principled BSDF */

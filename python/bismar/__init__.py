@@ -297,6 +297,7 @@ class Scene:
         back_faces: Optional[str] = None,
         glass_shadows: Optional[str] = None,
         path_reuse: Optional[str] = None,
+        light_groups: Optional[str] = None,
         no_clip: bool = False,
         aovs: Union[str, Iterable[str], None] = None,
         denoise: bool = False,
@@ -327,6 +328,8 @@ class Scene:
         back_faces: "show" draws those of single-sided materials. glass_shadows: "straight" lets shadow rays pass bodies of
             smooth glass. no_clip: ignores the camera's clipping planes.
         path_reuse: "auto", "off", "on", "N" or "N:M": pixels share what their paths find (docs/path-reuse.md).
+        light_groups: "NAME=PATTERN,...": layers "light_NAME" of the beauty by named lights, and "light_rest"
+            (docs/lights.md).
         aovs: names from docs/pictures.md, or "all" or "none" [default: variance, samples, balance].
         denoise: take what `Picture.denoise` needs.
         progress: called about twenty times a second with a `Progress`, by the calling thread. If it returns False, the
@@ -590,10 +593,12 @@ def develop(
     view_space: Optional[str] = None,
     exposure: Union[float, str, None] = None,
     layer: Optional[str] = None,
+    mix: Optional[str] = None,
 ) -> None:
     """Converts an EXR or HDR picture to PNG by a view transform ("agx", "neutral", "aces", "srgb", or a LUT in a .cube file,
     which takes `view_space`: docs/looks.md) and an exposure in stops.
 
-    output: [default: the picture's name with .png, in the same folder]. layer: shown instead of the beauty.
+    output: [default: the picture's name with .png, in the same folder]. layer: shown instead of the beauty. mix:
+        "NAME=FACTOR,...", the sum of layers of lights times factors (docs/lights.md).
     """
     _bismar.develop(input, _flags(locals(), "input"))

@@ -1,5 +1,6 @@
 //! Groups of lights by name, by which layers divide the beauty.
 
+use std::collections::BTreeSet;
 use std::fmt;
 use std::str::FromStr;
 
@@ -88,7 +89,7 @@ impl LightGroups {
     /// # Errors
     /// [`Error::Usage`] for groups that overlap and for a group without a light.
     pub fn table(&self, scene: &Scene) -> Result<LightGroupTable> {
-        let mut finder = Finder { groups: self, is_used: vec![false; self.names.len()], seen: Vec::new() };
+        let mut finder = Finder { groups: self, is_used: vec![false; self.names.len()], seen: BTreeSet::new() };
         let mut table = LightGroupTable::default();
         table.count = self.names.len();
         if scene.environment.is_some() {
@@ -126,17 +127,13 @@ struct Finder<'a> {
     groups: &'a LightGroups,
     is_used: Vec<bool>,
     /// The names so far.
-    seen: Vec<String>,
+    seen: BTreeSet<&'a str>,
 }
 
-impl Finder<'_> {
+impl<'a> Finder<'a> {
     /// The group of a light of these names, or of its `extra`.
-    fn find(&mut self, names: &[&str], extra: Option<&str>) -> Result<u8> {
-        for name in names.iter().filter(|name| !name.is_empty()) {
-            if !self.seen.iter().any(|seen| seen == name) {
-                self.seen.push((*name).to_owned());
-            }
-        }
+    fn find(&mut self, names: &[&'a str], extra: Option<&str>) -> Result<u8> {
+        self.seen.extend(names.iter().filter(|name| !name.is_empty()));
         let groups = self.groups;
         let rest = groups.names.len() - 1;
         let own = extra.and_then(|extra| groups.names.iter().position(|name| name == extra));
