@@ -99,7 +99,8 @@ fn layers_of_groups_are_pictures_by_their_lights_and_add_up_to_the_beauty() {
             }
             means.iter_mut().zip(sums).for_each(|(mean, sum)| mean.add(sum));
             let plain = RenderSettings { light_groups: None, ..of.clone() };
-            if seed == 0 {
+            // Where paths are shared, light is summed by group: other roundings.
+            if seed == 0 && of.path_reuse.is_none() {
                 assert_eq!(stage.green(&plain), stage.green(&of), "groups change no bit of the beauty");
             }
         }

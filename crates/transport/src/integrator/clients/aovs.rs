@@ -40,7 +40,10 @@ impl PathEvents for Aovs<'_> {
 
     fn hits(&mut self, at: &WaveContext, rays: &PathRays, hits: &HitBatch) {
         if at.depth == 0 {
-            self.first_hits(at, rays, hits);
+            // Groups of lights need nothing of surfaces.
+            if !(self.sums.is_empty() && self.extras.is_empty()) {
+                self.first_hits(at, rays, hits);
+            }
         } else if !self.extras.is_empty() {
             self.columns.mirrors.follow(at, rays, hits, self.extras);
         }
