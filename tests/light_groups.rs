@@ -71,12 +71,13 @@ fn layers_of_groups_are_pictures_by_their_lights_and_add_up_to_the_beauty() {
     let alone = |group| Stage::new(Arc::new(room(Some(group))), Backend::Embree);
     let alone =
         [0, 1, 2, 3].map(|group| alone(group).mean_green(&RenderSettings { seed: 900, ..settings() }, 2 * REPLICAS));
-    let reuse: Reuse = "16:4".parse().unwrap();
+    let sizes: Option<Reuse> = "16:4".parse().ok();
+    let shared = RenderSettings { reuse_sizes: sizes, ..settings().with(Technique::PathReuse, Choice::On) };
     let adaptive = settings().with(Technique::Adaptive, Choice::On);
     let all = [
         (Backend::Embree, settings()),
         (Backend::Obvhs, RenderSettings { balance: Balance::Half, ..settings() }),
-        (Backend::Embree, RenderSettings { path_reuse: Some(reuse), ..settings() }),
+        (Backend::Embree, shared),
         (Backend::Obvhs, adaptive),
     ];
     let limit = z_limit(4 * all.len());
@@ -100,7 +101,7 @@ fn layers_of_groups_are_pictures_by_their_lights_and_add_up_to_the_beauty() {
             means.iter_mut().zip(sums).for_each(|(mean, sum)| mean.add(sum));
             let plain = RenderSettings { light_groups: None, ..of.clone() };
             // Where paths are shared, light is summed by group: other roundings.
-            if seed == 0 && of.path_reuse.is_none() {
+            if seed == 0 && of.reuse_sizes.is_none() {
                 assert_eq!(stage.green(&plain), stage.green(&of), "groups change no bit of the beauty");
             }
         }

@@ -105,7 +105,8 @@ fn events_are_all_that_a_wave_adds_and_clients_do_not_see_each_other() {
         wave.run(&transport, &tasks[..7], &mut ());
         let before = wave.counts.shadow_rays;
         let mut columns = AovColumns::default();
-        let aovs = Aovs { sums: &mut [], extras: &mut extras, groups: &mut [], columns: &mut columns };
+        let aovs =
+            Aovs { sums: &mut [], extras: &mut extras, groups: &mut [], indirect: &mut [], columns: &mut columns };
         let absent = None::<Ledger>;
         wave.run(&transport, &tasks, &mut (PixelSums::new(&mut stats), Some(aovs), (&mut ledger, absent)));
         assert_eq!(wave.counts.shadow_rays - before, shadow_rays);

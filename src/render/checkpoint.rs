@@ -362,13 +362,7 @@ const MAX_TILE_BYTES: usize = 1 << 24;
 /// # Errors
 /// [`Error::Bug`] if a tile cannot be serialised.
 pub fn pack(tiles: &[Tile]) -> Result<Vec<u8>> {
-    let record = |tile: &Tile| {
-        let mut bytes = postcard::to_stdvec(tile)?;
-        if !tile.groups.is_empty() {
-            bytes.extend(postcard::to_stdvec(&tile.groups)?);
-        }
-        Ok(lz4_flex::compress_prepend_size(&bytes))
-    };
+    let record = |tile: &Tile| Ok(lz4_flex::compress_prepend_size(&postcard::to_stdvec(tile)?));
     let mut bytes = Vec::new();
     // In chunks, to limit memory.
     for some in tiles.chunks(1024) {
@@ -399,10 +393,7 @@ pub fn unpack(bytes: &[u8]) -> Option<Vec<Tile>> {
 fn unpack_tile(record: &[u8]) -> Option<Tile> {
     let (size, packed) = lz4_flex::block::uncompressed_size(record).ok().filter(|(size, _)| *size <= MAX_TILE_BYTES)?;
     let bytes = lz4_flex::decompress(packed, size).ok()?;
-    let (mut tile, mut rest): (Tile, _) = postcard::take_from_bytes(&bytes).ok()?;
-    if !rest.is_empty() {
-        (tile.groups, rest) = postcard::take_from_bytes(rest).ok()?;
-    }
+    let (tile, rest): (Tile, _) = postcard::take_from_bytes(&bytes).ok()?;
     rest.is_empty().then_some(tile)
 }
 

@@ -82,7 +82,8 @@ pub fn own_light(scene: &PreparedScene, camera: usize, back_faces: BackFaces) ->
         let mut stats = vec![PixelStats::default(); tasks.len()];
         let mut extras = vec![ExtraSums::default(); tasks.len()];
         let mut columns = AovColumns::default();
-        let aovs = Aovs { sums: &mut [], extras: &mut extras, groups: &mut [], columns: &mut columns };
+        let aovs =
+            Aovs { sums: &mut [], extras: &mut extras, groups: &mut [], indirect: &mut [], columns: &mut columns };
         wave.run(&transport, &tasks, &mut (PixelSums::new(&mut stats), Some(aovs), None::<Contributions>));
         let mut found = OwnLight { covered: 0, surfaces: 0, lit: 0 };
         for (stats, extras) in stats.iter().zip(&extras).filter(|(stats, _)| 2 * stats.covered >= PATHS) {

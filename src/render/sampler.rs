@@ -11,7 +11,7 @@ use super::deal;
 use super::tile::{Tile, TilePixel, TileWork};
 use crate::balance::sampler::LightInfo;
 use crate::balance::{Contribution, Cost, Counts, LearnedPixels, Observer, PixelFeatures, Sampler, Technique};
-use crate::film::stats::share_light;
+use crate::film::stats::accumulate;
 use crate::integrator::clients::{AovColumns, Aovs, ContributionColumns, Contributions, Ground, GroundColumns};
 use crate::integrator::{PixelSums, PixelTask, Transport, Wave, WaveCounts, guides};
 
@@ -39,6 +39,8 @@ struct Tracer {
     aovs: AovColumns,
     contributions: ContributionColumns,
     ground: GroundColumns,
+    /// [`Pilot::indirect`]; empty outside of a pilot.
+    indirect: Vec<[f32; 3]>,
 }
 
 impl Buffers {
@@ -59,6 +61,8 @@ struct Pilot {
     counts: Option<Counts>,
     contributions: Vec<Contribution>,
     paths: Vec<Vec3>,
+    /// By pixel and then by group of lights, what its BSDF samples found by way of further surfaces.
+    indirect: Vec<[f32; 3]>,
 }
 
 impl Observer for Pilot {
@@ -189,7 +193,9 @@ impl Sampler for TileSampler<'_> {
             None => [p.light, 0, p.bsdf],
         };
         let first: Vec<_> = self.tile.pixels.iter().map(first).collect();
+        tracer.indirect.resize(self.tile.groups.len(), [0.0; 3]);
         tracer.trace(self.tile, self.transport, (&all, &all), Some(pilot), self.watch);
+        pilot.indirect = std::mem::take(&mut tracer.indirect);
         // Sample indices of a pilot count from 0.
         for found in &mut pilot.contributions {
             let technique = if found.technique == Technique::Light { usize::from(found.area) } else { 2 };
@@ -222,7 +228,7 @@ impl Tracer {
         mut observer: Option<&mut dyn Observer>,
         watch: &mut dyn FnMut(&PixelTask),
     ) {
-        let Self { wave, tasks, aovs, contributions, ground } = self;
+        let Self { wave, tasks, aovs, contributions, ground, indirect } = self;
         let shares = transport.proposal.reuse.is_some();
         for Part { pixels: range, paths: [from, to] } in parts(counts, shares) {
             let before = if shares { tile.sum() } else { DVec3::ZERO };
@@ -252,8 +258,9 @@ impl Tracer {
             let extras = tile.extras.get_mut(start..end).unwrap_or_default();
             let count = transport.groups.as_ref().map_or(0, |table| table.count);
             let groups = tile.groups.get_mut(start * count..end * count).unwrap_or_default();
+            let indirect = indirect.get_mut(start * count..end * count).unwrap_or_default();
             let wanted = !(sums.is_empty() && extras.is_empty() && groups.is_empty());
-            let aovs = wanted.then_some(Aovs { sums, extras, groups, columns: &mut *aovs });
+            let aovs = wanted.then_some(Aovs { sums, extras, groups, indirect, columns: &mut *aovs });
             let contributions = observer
                 .as_mut()
                 .map(|observer| Contributions { observer: &mut **observer, columns: &mut *contributions });
@@ -308,12 +315,17 @@ fn reweight(tile: &mut Tile, pilot: &Pilot, total: &[Counts]) {
     let Some(counts) = pilot.counts else { return };
     // Samples per path, over those of the pilot.
     let rates: Vec<_> = total.iter().map(|total| total.relative_to(counts)).collect();
-    let n = counts.paths as usize;
+    let (n, count) = (counts.paths as usize, tile.groups.len() / tile.stats.len());
     let mut changes = vec![Vec3::ZERO; pilot.paths.len()];
     for found in &pilot.contributions {
         let pixel = found.pixel as usize;
         let change = found.reweighted(rates[pixel]) - found.radiance;
         changes[pixel * n + found.path(counts.paths) as usize] += change;
+        if found.technique != Technique::Indirect
+            && let Some(sum) = tile.groups.get_mut(pixel * count + usize::from(found.group))
+        {
+            accumulate(sum, change.into());
+        }
         if let Some(aovs) = tile.aovs.get_mut(pixel) {
             match found.technique {
                 Technique::Indirect => aovs.add_light(Vec3::ZERO, change),
@@ -321,12 +333,14 @@ fn reweight(tile: &mut Tile, pilot: &Pilot, total: &[Counts]) {
             }
         }
     }
-    // The lights of the pilot's samples are not stored: a change is divided among light groups as the pixel is.
-    let count = tile.groups.len() / tile.stats.len();
-    for (i, changes) in changes.chunks(n).enumerate() {
-        let of_kinds = tile.extras.get_mut(i).map_or(&mut [][..], |extras| &mut extras.lights);
-        let lights = if count > 0 { &mut tile.groups[i * count..][..count] } else { of_kinds };
-        share_light(lights, changes.iter().sum());
+    for (i, (sum, indirect)) in tile.groups.iter_mut().zip(&pilot.indirect).enumerate() {
+        // No light sample finds it.
+        let [.., ratio] = rates[i / count];
+        accumulate(sum, indirect.map(|x| x * (1.0 / ratio - 1.0)));
+    }
+    // The kinds of the pilot's lights are not stored: a change is divided among kinds as the pixel is.
+    for (extras, changes) in tile.extras.iter_mut().zip(changes.chunks(n)) {
+        extras.share_light(changes.iter().sum());
     }
     let of_pixels = changes.chunks(n).zip(pilot.paths.chunks(n));
     for (stats, (changes, paths)) in tile.stats.iter_mut().zip(of_pixels) {
@@ -363,6 +377,7 @@ mod tests {
             pixel,
             technique,
             area: false,
+            group: 0,
             index,
             r,
             w: 0.0,

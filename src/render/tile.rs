@@ -38,8 +38,7 @@ pub struct Tile {
     pub ground: Vec<GroundSums>,
     /// What says how the errors of pixels are related that share paths.
     pub(super) waves: WaveMeans,
-    /// By pixel and then by group, light of the groups that are asked for; empty without them. It is stored behind the tile.
-    #[serde(skip)]
+    /// By pixel and then by group, light of the groups that are asked for; empty without them.
     pub groups: Vec<[f32; 3]>,
 }
 

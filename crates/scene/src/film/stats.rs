@@ -117,16 +117,6 @@ pub fn accumulate(sum: &mut [f32; 3], more: [f32; 3]) {
     sum.iter_mut().zip(more).for_each(|(sum, more)| *sum += more);
 }
 
-/// Adds radiance of unknown source to the sums of all sources, in proportion to them.
-pub fn share_light(lights: &mut [[f32; 3]], more: Vec3) {
-    for c in 0..3 {
-        let all: f32 = lights.iter().map(|light| light[c]).sum();
-        if all > 0.0 {
-            lights.iter_mut().for_each(|light| light[c] *= (all + more[c]) / all);
-        }
-    }
-}
-
 impl ExtraSums {
     /// Adds the radiance that the surface of a first hit emits.
     #[inline]
@@ -148,6 +138,17 @@ impl ExtraSums {
     pub fn add_velocity(&mut self, [before, after]: [Vec2; 2]) {
         let more = [before.x, before.y, after.x, after.y];
         self.velocity.iter_mut().zip(more).for_each(|(sum, more)| *sum += more);
+    }
+
+    /// Adds radiance of unknown source to all sources, in proportion to their sums.
+    #[inline]
+    pub fn share_light(&mut self, more: Vec3) {
+        for c in 0..3 {
+            let all: f32 = self.lights.iter().map(|light| light[c]).sum();
+            if all > 0.0 {
+                self.lights.iter_mut().for_each(|light| light[c] *= (all + more[c]) / all);
+            }
+        }
     }
 
     /// Adds base colour and normal for the denoiser.

@@ -19,6 +19,8 @@ pub struct Aovs<'a> {
     pub extras: &'a mut [ExtraSums],
     /// By task and then by group, light of the groups that are asked for; empty without them.
     pub groups: &'a mut [[f32; 3]],
+    /// The same of what BSDF samples find by way of further surfaces; empty if not requested.
+    pub indirect: &'a mut [[f32; 3]],
     /// Columns, reused between waves.
     pub columns: &'a mut AovColumns,
 }
@@ -57,7 +59,7 @@ impl PathEvents for Aovs<'_> {
 
     fn emission(&mut self, at: &WaveContext, rays: &PathRays, found: &FoundEmission) {
         let path = rays.path[found.ray as usize];
-        self.add_light(at, path, found.group.into(), found.radiance);
+        self.add_light(at, path, (found.group.into(), at.depth > 1), found.radiance);
         if let Some(extras) = self.extras.get_mut(at.pixel(path)) {
             let passed_wall = rays.passed_wall.get(found.ray as usize).is_some_and(|passed| *passed);
             if at.depth == 0 && found.kind == LightKind::Area && !passed_wall {
@@ -71,7 +73,7 @@ impl PathEvents for Aovs<'_> {
 
     fn unoccluded(&mut self, at: &WaveContext, shadows: &ShadowRays, found: &UnoccludedLight) {
         let path = shadows.path[found.row];
-        self.add_light(at, path, shadows.group(found.row), found.radiance);
+        self.add_light(at, path, (shadows.group(found.row), at.depth > 0), found.radiance);
         if at.depth == 0 {
             self.add_direct(path, found.radiance);
         }
@@ -79,7 +81,7 @@ impl PathEvents for Aovs<'_> {
 
     fn borrowed(&mut self, at: &WaveContext, light: &BorrowedLight) {
         let lit = light.by_group.iter().enumerate().filter(|(_, radiance)| **radiance != Vec3::ZERO);
-        lit.for_each(|(group, radiance)| self.add_light(at, light.path, group, *radiance));
+        lit.for_each(|(group, radiance)| self.add_light(at, light.path, (group, true), *radiance));
     }
 
     fn end(&mut self, at: &WaveContext, radiance: &[Vec3]) {
@@ -93,10 +95,14 @@ impl PathEvents for Aovs<'_> {
 
 impl Aovs<'_> {
     #[inline]
-    fn add_light(&mut self, at: &WaveContext, path: u32, group: usize, radiance: Vec3) {
+    fn add_light(&mut self, at: &WaveContext, path: u32, (group, is_indirect): (usize, bool), radiance: Vec3) {
         let pixel = at.pixel(path);
         let sum = match &at.transport.groups {
-            Some(table) => self.groups.get_mut(pixel * table.count + group),
+            Some(table) => {
+                let indirect = self.indirect.get_mut(pixel * table.count + group).filter(|_| is_indirect);
+                indirect.into_iter().for_each(|sum| *sum = (Vec3::from(*sum) + radiance).into());
+                self.groups.get_mut(pixel * table.count + group)
+            }
             None => self.extras.get_mut(pixel).map(|extras| &mut extras.lights[group]),
         };
         if let Some(sum) = sum {

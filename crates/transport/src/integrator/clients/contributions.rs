@@ -73,7 +73,8 @@ impl PathEvents for Contributions<'_> {
                 let (w, r) = contribution_terms(radiance, p_l, p_b, a_l / (a_l + a_b));
                 let divided = at.tasks[path.pixel as usize].counts.environment.is_some();
                 let (area, index) = (divided && found.pdf[1] > 0.0, rays.index[row]);
-                let contribution = Contribution { pixel: 0, technique: Technique::Bsdf, area, index, r, w, radiance };
+                let (technique, group) = (Technique::Bsdf, found.group);
+                let contribution = Contribution { pixel: 0, technique, area, group, index, r, w, radiance };
                 self.notify(at, rays.path[row], contribution);
             }
             _ => self.columns.add_indirect(at, rays.first + found.ray, radiance),
@@ -135,7 +136,8 @@ impl PathEvents for Contributions<'_> {
             if w[row] > 0.0 {
                 let (area, index, r) = (area[row] != 0, index[row], r[row]);
                 let (technique, w) = (Technique::Light, w[row] * scale * scale);
-                let contribution = Contribution { pixel: 0, technique, area, index, r, w, radiance };
+                let group = shadows.group(row) as u8;
+                let contribution = Contribution { pixel: 0, technique, area, group, index, r, w, radiance };
                 self.notify(at, shadows.path[row], contribution);
             }
         }
@@ -153,7 +155,8 @@ impl PathEvents for Contributions<'_> {
                 // Light samples cannot find it: Z = 2X, Y = 2 a_b X, r = −1.
                 let w = 4.0 * at.paths[path as usize].samples_per_path[2] * radiance.length_squared();
                 let technique = Technique::Indirect;
-                let contribution = Contribution { pixel: 0, technique, area: false, index, r: -1.0, w, radiance };
+                let contribution =
+                    Contribution { pixel: 0, technique, area: false, group: 0, index, r: -1.0, w, radiance };
                 self.notify(at, path, contribution);
             }
         }
