@@ -92,12 +92,37 @@ fn lamp_over_floor(lamp: f32) -> Scene {
 #[test]
 fn a_lamp_over_a_floor_is_enough_light() {
     for backend in [Backend::Embree, Backend::Obvhs] {
-        let of = |lamp| own_light(&Stage::new(lamp_over_floor(lamp).into(), backend).scene, 0, BackFaces::Cull);
+        let of =
+            |lamp| own_light(&Stage::new(lamp_over_floor(lamp).into(), backend).scene, 0, &RenderSettings::default());
         let found = of(9.0);
         assert!(found.is_enough() && found.lit * 2 > found.surfaces && found.covered >= found.surfaces, "{found:?}");
         let found = of(1e-6);
         assert!(!found.is_enough() && found.lit == 0 && found.surfaces > 100, "{found:?}");
     }
+}
+
+#[test]
+fn without_clipping_a_camera_with_planes_is_one_without() {
+    use bismar::render::{Choice, RunOptions, Technique, run};
+    use std::sync::atomic::AtomicBool;
+    // The planes hide all: no surface is lit in what they leave.
+    let with = |clip: Option<[f32; 2]>| {
+        let mut scene = lamp_over_floor(9.0);
+        scene.cameras[0].clip = clip;
+        Stage::new(scene.into(), Backend::Embree)
+    };
+    let [planes, none] = [Some([0.1, 0.2]), None].map(with);
+    let settings = RenderSettings { clip: false, width: 24, height: 16, spp: Some(16), ..Default::default() };
+    let settings = settings.with(Technique::Guiding, Choice::On);
+    let light = |stage: &Stage| own_light(&stage.scene, 0, &settings);
+    assert_eq!(light(&planes), light(&none));
+    assert_eq!(own_light(&planes.scene, 0, &RenderSettings::default()).covered, 0);
+    let picture = |stage: &Stage| {
+        let rendered = run(&stage.scene, &settings, RunOptions::new(&AtomicBool::new(false), &|_| ())).unwrap();
+        let pixels = rendered.pixels();
+        (0..24 * 16).map(|i| pixels.at(i % 24, i / 24).0.mean()).collect::<Vec<_>>()
+    };
+    assert_eq!(picture(&planes), picture(&none));
 }
 
 /// A white sky with a grey wall that shows its back to the camera and to a mirror, and a diffuse floor.

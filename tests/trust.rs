@@ -65,8 +65,20 @@ fn a_header_runs_nothing_writes_nothing_and_reads_nothing_outside() {
         let said = expect(path, "check golden.exr", 65);
         assert!(said.contains("not below a folder") || said.contains("by a link"), "{said}");
     }
-    golden(path, r#"{"scene":"s.glb","fields":{"size":"12x9"}}"#);
-    assert!(expect(path, "check golden.exr --max-paths 99", 65).contains("--max-paths"));
+    // The fields decide the cost, and not what the rest of the header says.
+    for fields in
+        [r#""size":"12x9""#, r#""size":"900x900","spp":1"#, r#""spp":99999"#, r#""noise":1e-6"#, r#""time":1e9"#]
+    {
+        golden(path, &format!(r#"{{"scene":"s.glb","fields":{{{fields}}}}}"#));
+        let said = expect(path, "check golden.exr --max-paths 99", 65);
+        assert!(said.contains("--max-paths") || said.contains("--time"), "{fields}: {said}");
+    }
+    // The folder of the results may come with the pictures.
+    golden(path, r#"{"scene":"s.glb","fields":{"size":"12x9","spp":2}}"#);
+    fs::remove_dir_all(path.join("bismar-check")).unwrap();
+    symlink(other.path(), path.join("bismar-check")).unwrap();
+    assert!(expect(path, "check golden.exr", 73).contains("link"));
+    assert_eq!(names(other.path()), ["s.glb"]);
 }
 
 #[test]
@@ -146,6 +158,10 @@ fn what_a_command_derives_is_not_written_through_links_or_over_files_of_others()
     fs::remove_file(path.join("transforms.json")).unwrap();
     expect(path, turn, 0);
     expect(path, turn, 0);
+    // A view that waits for a reader is no picture.
+    fs::remove_file(path.join("v.1.exr")).unwrap();
+    assert!(Command::new("mkfifo").arg(path.join("v.1.exr")).status().unwrap().success());
+    assert!(expect(path, turn, 73).contains("link or a device"));
     // `-o` on the command line is the user's own word.
     fs::write(path.join("named.exr"), "mine").unwrap();
     symlink("mine", path.join("named.png")).unwrap();
@@ -187,6 +203,9 @@ fn the_plan_of_another_farm_is_not_replaced() {
         |scene: &str| format!("farm submit {scene} --parts 2 --format plan --folder farm -- --size 8x8 --spp 1");
     expect(path, &submit("s.glb"), 0);
     expect(path, &submit("s.glb"), 0);
+    // The folder that nobody has named may come with the scene.
+    symlink("farm", path.join("s.farm")).unwrap();
+    assert!(expect(path, "farm submit s.glb --parts 2 --format plan -- --size 8x8", 73).contains("--folder"));
     let before = fs::read(path.join("farm/farm.json")).unwrap();
     assert!(expect(path, &submit("c.glb"), 73).contains("--folder"));
     assert_eq!(fs::read(path.join("farm/farm.json")).unwrap(), before);

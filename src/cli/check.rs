@@ -19,7 +19,7 @@ use crate::console::args::{not_negative, threads};
 use crate::console::progress::Style;
 use crate::console::{Paths, Verbosity, Verdict, print, say};
 use crate::film::atomic;
-use crate::job::PictureCommand;
+use crate::job::{PictureCommand, RenderRequest};
 use crate::render::StopReason;
 use crate::render::checkpoint::Earlier;
 use crate::{Error, Result};
@@ -42,7 +42,7 @@ pub struct CheckArgs {
     #[arg(long, value_name = "N", default_value_t = 1 << 33)]
     max_paths: u64,
     /// Folder of the results: index.html, junit.xml, report.json, and in `new` the pictures that are not identical.
-    #[arg(long, value_name = "DIR", default_value = "bismar-check")]
+    #[arg(long, value_name = "DIR", default_value = OUT)]
     out: PathBuf,
     /// Largest FLIP error, 0 to 1; 0 asks for equal bits.
     #[arg(long, value_name = "X", value_parser = not_negative, default_value_t = outcome::MAX_FLIP)]
@@ -61,12 +61,18 @@ pub struct CheckArgs {
     threads: Option<usize>,
 }
 
+/// The folder of the results that nobody has typed.
+const OUT: &str = "bismar-check";
+
 fn percent(text: &str) -> std::result::Result<f64, String> {
     text.parse().ok().filter(|p| (0.0..=100.0).contains(p)).ok_or("not a number from 0 to 100".into())
 }
 
 pub fn run(args: &CheckArgs, verbosity: Verbosity) -> Result<Verdict> {
     let began = Instant::now();
+    if args.out == Path::new(OUT) && args.out.is_symlink() {
+        return Err(Error::CannotCreate(format!("{OUT}: not written: it is a link; --out DIR names another folder")));
+    }
     let folder = args.out.join("new");
     let mut folders = vec![args.out.clone()];
     if args.update {
@@ -173,11 +179,6 @@ fn job(golden: &Path, new: &Path, args: &CheckArgs) -> Result<Job> {
         )
     })?;
     let settings = &earlier.record.identity.settings;
-    if settings.time.is_some() {
-        return Err(cannot(
-            "it was rendered with --time, which ends elsewhere on another machine: use --spp or --noise",
-        ));
-    }
     if earlier.record.stop == StopReason::Interrupted {
         return Err(cannot("it is not complete: finish it with --resume"));
     }
@@ -186,11 +187,6 @@ fn job(golden: &Path, new: &Path, args: &CheckArgs) -> Result<Job> {
     }
     if settings.part.is_some() {
         return Err(cannot("it is a part of a picture: merge the parts"));
-    }
-    let pixels = u64::from(settings.width) * u64::from(settings.height);
-    let paths = pixels.saturating_mul(settings.spp.map_or(MAX_PATHS_WITHOUT_SPP, u64::from));
-    if paths > args.max_paths {
-        return Err(cannot(&format!("its header asks for {paths} paths, more than --max-paths {}", args.max_paths)));
     }
     let known = command();
     let is_flag = |name: &str| known.get_arguments().any(|arg| arg.get_long() == Some(name));
@@ -204,14 +200,36 @@ fn job(golden: &Path, new: &Path, args: &CheckArgs) -> Result<Job> {
         flags.push(("env".into(), Some(env.display().to_string())));
     }
     flags.push(("relative-to".into(), Some(root.display().to_string())));
+    if flags.iter().all(|(flag, _)| flag != "size") {
+        // Else the scene's camera decides.
+        flags.push(("size".into(), Some(format!("{}x{}", settings.width, settings.height))));
+    }
     let job = Job { name: name.clone(), scene, flags, output: new.to_owned(), ..Job::default() };
     // A command of another version may have flags that this one lacks.
-    plan(None, vec![job.clone()]).map_err(|e| cannot(&format!("its command cannot be run: {e}")))?;
+    let (planned, _) = plan(None, vec![job.clone()]).map_err(|e| cannot(&format!("its command cannot be run: {e}")))?;
+    for RenderRequest { settings, size, .. } in planned.iter().map(|planned| &planned.request) {
+        if settings.time.is_some() {
+            return Err(cannot(
+                "it was rendered with --time, which ends elsewhere on another machine: use --spp or --noise",
+            ));
+        }
+        let pixels = size.map_or(0, |size| u64::from(size.0) * u64::from(size.1));
+        // Without a number of paths, those that give the noise where a path's standard deviation is the mean.
+        let of_noise = settings.noise.map_or(0, |noise| noise.powi(-2) as u64).max(MIN_PATHS_OF_NOISE);
+        let spp = settings.spp.map_or(of_noise, u64::from);
+        let paths = pixels.saturating_mul(spp);
+        if paths > args.max_paths {
+            return Err(cannot(&format!(
+                "its header asks for {paths} paths, more than --max-paths {}",
+                args.max_paths
+            )));
+        }
+    }
     Ok(job)
 }
 
-/// Paths per pixel at most of a render whose only goal is its noise.
-const MAX_PATHS_WITHOUT_SPP: u64 = 1 << 15;
+/// Least number of paths per pixel that a render whose only goal is its noise is taken for.
+const MIN_PATHS_OF_NOISE: u64 = 1 << 15;
 
 /// A file that a header names, and the folder that it was found below; the first folder where there is none. A header must not
 /// reach other files: neither by its path nor through links.

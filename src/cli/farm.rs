@@ -122,7 +122,12 @@ fn submit(args: &SubmitArgs) -> Result<Verdict> {
         (true, false) => return Err(Error::Usage("a batch file contains its flags: none may follow --".into())),
         (false, _) => vec![render_of_scene(args)?],
     };
-    let folder = absolute_path(&args.folder.clone().unwrap_or_else(|| args.input.with_extension("farm")))?;
+    let folder = args.folder.clone().unwrap_or_else(|| args.input.with_extension("farm"));
+    if args.folder.is_none() && folder.is_symlink() {
+        let why = "not written: it is a link; --folder DIR names another folder";
+        return Err(Error::CannotCreate(format!("{}: {why}", folder.display())));
+    }
+    let folder = absolute_path(&folder)?;
     let progress = if args.format == Format::Openjd { "openjd" } else { "plain" };
     let name = args.input.file_stem().unwrap_or_default().to_string_lossy();
     let mut plan = Plan::new(&name, &folder, &this_program()?, progress, &renders, (args.parts, args.chunk))?;

@@ -16,7 +16,7 @@ use crate::job::memory::{self, Need};
 use crate::job::size;
 use crate::rays::Backend;
 use crate::render::default_light::{self, OwnLight};
-use crate::render::{BackFaces, RenderSettings, clipped};
+use crate::render::{RenderSettings, clipped};
 use crate::scene::Scene;
 use crate::scene::import::{self, EnvironmentFile, EnvironmentSize, Note, STANDARD_INPUT, SceneFiles, Summary};
 
@@ -125,7 +125,7 @@ fn own_light(scene: Arc<Scene>) -> Result<Option<OwnLight>> {
         return Ok(None);
     }
     let prepared = PreparedScene::build(scene, Backend::Embree)?;
-    Ok(Some(default_light::own_light(&prepared, 0, BackFaces::default())))
+    Ok(Some(default_light::own_light(&prepared, 0, &RenderSettings::default())))
 }
 
 /// By camera, the share of what is in its view that its far clipping plane hides.

@@ -120,13 +120,14 @@ impl Inputs {
     pub fn own_light(&self, request: &RenderRequest, measure: impl FnOnce() -> Result<OwnLight>) -> Result<OwnLight> {
         let selection = request.selection.at_rest();
         let key = format!(
-            "{:?} {} {:?} {:?} {:?} {:?}",
+            "{:?} {} {:?} {:?} {:?} {:?} {}",
             request.camera,
             selection.name(),
             request.light_unit,
             request.light_radius,
             request.sun_angle,
-            request.settings.back_faces
+            request.settings.back_faces,
+            request.settings.clip
         );
         let known = || self.own_light.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(found) = known().get(&key) {

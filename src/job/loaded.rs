@@ -146,7 +146,7 @@ fn with_light<'a>(
     let start = Instant::now();
     let measured = |prepared: &PreparedScene| {
         let camera = choose::camera_of_file(&prepared.scene.cameras, request)?;
-        Ok(default_light::own_light(prepared, camera, request.settings.back_faces))
+        Ok(default_light::own_light(prepared, camera, &request.settings))
     };
     let found = inputs.own_light(request, || match at_rest {
         None => measured(&prepared),

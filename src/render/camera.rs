@@ -14,8 +14,12 @@ const FILM_HEIGHT: f64 = 0.024;
 
 /// The camera of a render with these settings.
 pub fn camera(scene: &Scene, settings: &RenderSettings) -> CameraRays {
-    let RenderSettings { camera, width, height, .. } = *settings;
-    let camera = scene.camera(camera, width, height);
+    camera_of_size(scene, settings, [settings.width, settings.height])
+}
+
+/// The same view as a picture of another width and height.
+pub fn camera_of_size(scene: &Scene, settings: &RenderSettings, [width, height]: [u32; 2]) -> CameraRays {
+    let camera = scene.camera(settings.camera, width, height);
     let clip = camera.clip.filter(|_| settings.clip);
     CameraRays::new(&Camera { clip, ..camera }, width, height)
 }

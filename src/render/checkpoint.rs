@@ -1,5 +1,6 @@
 //! Checkpoints in a picture's file: the record of a render in the header, its tiles behind the picture.
 
+use std::os::unix::fs::FileTypeExt;
 use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
@@ -282,11 +283,15 @@ impl Earlier {
     /// # Errors
     /// Those of [`exr_file::read_header`]; [`Error::Data`] for pictures of other programs and other formats.
     pub fn read(path: &Path) -> Result<Option<Self>> {
+        let refused = |why: String| Error::Data(format!("{}: {why}", path.display()));
+        // It would wait for a writer.
+        if path.metadata().is_ok_and(|meta| meta.file_type().is_fifo()) {
+            return Err(refused("is a named pipe, no picture".into()));
+        }
         let header = match exr_file::read_header(path) {
             Err(Error::Missing(_)) => return Ok(None),
             other => other?,
         };
-        let refused = |why: String| Error::Data(format!("{}: {why}", path.display()));
         let record = match number(&header, "bismar.format") {
             None => return Err(refused("is no picture that bismar can go on from".into())),
             Some(format) if format != f64::from(FORMAT) => {

@@ -13,9 +13,9 @@ use std::sync::atomic::AtomicBool;
 use glam::Vec3;
 use serde::Serialize;
 
+use super::RenderSettings;
 use super::prepass::low_resolution::{in_tiles, low_resolution};
 use super::transport::transport;
-use super::{BackFaces, RenderSettings};
 use crate::color::luminance;
 use crate::film::{ExtraSums, PixelStats};
 use crate::integrator::clients::{AovColumns, Aovs, Contributions, PixelSums};
@@ -62,15 +62,19 @@ pub fn is_in_question(scene: &Scene) -> bool {
     scene.environment.is_none() && scene.is_lit() && !scene.materials.iter().all(|material| material.unlit)
 }
 
-/// Measures what the light of `scene` does in the view of camera `camera`.
-pub fn own_light(scene: &PreparedScene, camera: usize, back_faces: BackFaces) -> OwnLight {
-    let shown = &scene.scene.cameras[camera];
-    let aspect = shown.natural_aspect().filter(|aspect| (0.1..=10.0).contains(aspect)).unwrap_or(16.0 / 9.0);
+/// Measures what the light of `scene` does in the view of camera `camera`, with the back faces and the clipping of `shown`.
+pub fn own_light(scene: &PreparedScene, camera: usize, shown: &RenderSettings) -> OwnLight {
+    let &RenderSettings { back_faces, clip, .. } = shown;
+    let aspect = scene.scene.cameras[camera]
+        .natural_aspect()
+        .filter(|aspect| (0.1..=10.0).contains(aspect))
+        .unwrap_or(16.0 / 9.0);
     let settings = RenderSettings {
         camera,
         width: (1024.0 * aspect) as u32,
         height: 1024,
         back_faces,
+        clip,
         max_depth: MAX_DEPTH,
         ..RenderSettings::even()
     };

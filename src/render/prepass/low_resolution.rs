@@ -6,7 +6,7 @@ use std::sync::{Mutex, PoisonError};
 use rayon::prelude::*;
 
 use super::super::RenderSettings;
-use super::super::camera::lens;
+use super::super::camera::{camera_of_size, lens};
 use crate::color::luminance;
 use crate::film::PixelStats;
 use crate::film::compare::relative_to;
@@ -26,9 +26,9 @@ pub fn size(settings: &RenderSettings, pixels: f64) -> [u32; 2] {
 
 /// A view of about `pixels` pixels: its [`size`], and its camera.
 pub fn low_resolution(scene: &PreparedScene, settings: &RenderSettings, pixels: f64) -> ([u32; 2], CameraRays) {
-    let [width, height] = size(settings, pixels);
-    let camera = CameraRays::new(&scene.scene.camera(settings.camera, width, height), width, height);
-    ([width, height], camera.with_lens(lens(scene, settings).unwrap_or_default()))
+    let size = size(settings, pixels);
+    let camera = camera_of_size(&scene.scene, settings, size);
+    (size, camera.with_lens(lens(scene, settings).unwrap_or_default()))
 }
 
 /// The upper left pixels of a picture's tiles.

@@ -8,6 +8,8 @@ use crate::color;
 
 /// Widths of scanlines that may have new run lengths.
 const NEW_WIDTHS: std::ops::Range<usize> = 8..0x8000;
+/// Radiance's standard primaries (`STDPRIMS` of `color.h`): x and y of red, green, blue and white.
+const PRIMARIES: [f32; 8] = [0.64, 0.33, 0.29, 0.60, 0.15, 0.06, 0.3333, 0.3333];
 
 /// What a file's header says.
 struct Head {
@@ -71,7 +73,7 @@ fn head(bytes: &[u8]) -> Result<(Head, &[u8]), String> {
         rest = &rest[end + 1..];
         Ok(line)
     };
-    let mut to_rec709 = None;
+    let (mut is_xyz, mut primaries) = (false, None);
     loop {
         let line = next()?;
         if line.is_empty() {
@@ -79,16 +81,22 @@ fn head(bytes: &[u8]) -> Result<(Head, &[u8]), String> {
         }
         if let Some(format) = line.strip_prefix("FORMAT=") {
             match format.trim() {
-                "32-bit_rle_rgbe" => {}
-                // Radiance's XYZ has the white of equal energy.
-                "32-bit_rle_xyze" => to_rec709 = color::rec709_from_xyz([1.0 / 3.0; 2]),
+                "32-bit_rle_rgbe" => is_xyz = false,
+                "32-bit_rle_xyze" => is_xyz = true,
                 other => return Err(format!("its FORMAT '{other}' is not 32-bit_rle_rgbe or 32-bit_rle_xyze")),
             }
-        } else if let Some(primaries) = line.strip_prefix("PRIMARIES=") {
-            let numbers: Vec<f32> = primaries.split_whitespace().filter_map(|x| x.parse().ok()).collect();
-            to_rec709 = numbers.try_into().ok().and_then(color::rec709_from_rgb);
+        } else if let Some(numbers) = line.strip_prefix("PRIMARIES=") {
+            let numbers: Vec<f32> = numbers.split_whitespace().filter_map(|x| x.parse().ok()).collect();
+            primaries = <[f32; 8]>::try_from(numbers).ok();
         }
     }
+    // Pictures that name Radiance's own primaries are those that name none.
+    let own = |of: &[f32; 8]| of.iter().zip(PRIMARIES).all(|(a, b)| (a - b).abs() < 1e-3);
+    let to_rec709 = match primaries.filter(|of| !own(of)) {
+        // Radiance's XYZ has the white of equal energy.
+        _ if is_xyz => color::rec709_from_xyz([1.0 / 3.0; 2]),
+        primaries => primaries.and_then(color::rec709_from_rgb),
+    };
     let line = next()?;
     let unusable =
         || format!("its size '{}' is none, such as '-Y 512 +X 1024'", line.chars().take(64).collect::<String>());
@@ -211,6 +219,13 @@ mod tests {
             bytes.extend([128, 128, 128, 129]);
             let (.., pixels) = decode(&bytes, |_, _| Ok(())).unwrap();
             assert!(pixels[0].iter().all(|c| (c - 1.0).abs() < 1e-3), "{head}: {pixels:?}");
+        }
+        // Radiance's own primaries are no other ones, and XYZ has none, in whichever order they are said.
+        let (own, xyz) = ("PRIMARIES=0.640 0.330 0.290 0.600 0.150 0.060 0.333 0.333", "FORMAT=32-bit_rle_xyze");
+        let of = |head: &str| reds(&file(&format!("#?RADIANCE\n{head}"), "-Y 2 +X 3", [1, 2, 3, 4, 5, 6]));
+        assert_eq!(of(own), of("FORMAT=32-bit_rle_rgbe"));
+        for head in [format!("{own}\n{xyz}"), format!("{xyz}\n{own}"), format!("{xyz}\nPRIMARIES=1")] {
+            assert_eq!(of(&head), of(xyz), "{head}");
         }
     }
 

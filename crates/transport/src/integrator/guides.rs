@@ -4,7 +4,7 @@
 use crate::balance::PixelFeatures;
 use crate::integrator::data::transport::Transport;
 use crate::integrator::through::thin_walls;
-use crate::lanes::{F, LANES, U};
+use crate::lanes::{F, LANES, U, store};
 use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
 
 /// Features at the centres of `pixels`, by one extra ray each: they do not depend on the pixels' samples.
@@ -16,7 +16,9 @@ pub fn guides(transport: &Transport, pixels: &[[u32; 2]]) -> Vec<PixelFeatures> 
         let middle =
             |axis: usize| F::from(std::array::from_fn(|lane| group[lane.min(group.len() - 1)][axis] as f32 + 0.5));
         let ray = transport.camera.rays(middle(0), middle(1), time);
-        rays.put(at, ray, F::splat(f32::INFINITY), U::ZERO, time);
+        let (near, far) = transport.camera.intervals(ray.1, time);
+        rays.put(at, ray, far, U::ZERO, time);
+        store(&mut rays.tnear, at, near);
     }
     rays.close(pixels.len());
     transport.rays.closest_hits(&rays, RayOrder::Coherent, &mut hits);
