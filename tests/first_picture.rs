@@ -103,6 +103,7 @@ fn a_lamp_over_a_floor_is_enough_light() {
 
 #[test]
 fn without_clipping_a_camera_with_planes_is_one_without() {
+    use bismar::film::Pixels;
     use bismar::render::{Choice, RunOptions, Technique, run};
     use std::sync::atomic::AtomicBool;
     // The planes hide all: no surface is lit in what they leave.

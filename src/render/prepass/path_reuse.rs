@@ -1,4 +1,4 @@
-//! Decides whether first surfaces share what their paths find ([`reuse`](crate::integrator::reuse)), and in groups of which sizes.
+//! Decides whether first surfaces share what their paths find ([`reuse`]), and in groups of which sizes.
 //! Some of the picture's tiles are rendered each way, in two scrambles; their difference is the error.
 
 use std::sync::atomic::{AtomicBool, Ordering};
