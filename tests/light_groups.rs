@@ -21,8 +21,8 @@ use crate::helpers::statistics::{Mean, z_limit};
 /// only the lights of a group, or all.
 fn room(group: Option<usize>) -> Scene {
     let is_on = |own: usize| group.is_none_or(|group| group == own);
-    let mut scene = Scene::default();
-    scene.environment = is_on(2).then(|| Environment::constant([0.2, 0.3, 0.4]));
+    let environment = is_on(2).then(|| Environment::constant([0.2, 0.3, 0.4]));
+    let mut scene = Scene { environment, ..Default::default() };
     rectangle(&mut scene, 0.0, [-2.0, 2.0], [-2.0, 2.0], true, lambert(0.7));
     rectangle(&mut scene, 0.5, [-1.0, 0.0], [-1.0, 0.0], true, metal(0.3));
     rectangle(&mut scene, 1.0, [0.2, 1.0], [-1.0, 0.5], true, lambert(0.8));
@@ -188,9 +188,9 @@ fn groups_are_merged_and_resumed_and_mixed_after_the_render() {
         });
     assert!([&key, &fill, &glow].iter().all(|layer| layer.iter().any(|c| c[0] > 0.01)));
     let mut mixed = Vec::new();
-    for i in 0..beauty.len() {
+    for (i, beauty) in beauty.iter().enumerate() {
         let sum: Vec3 = [&key, &fill, &glow, &rest].map(|layer| Vec3::from(layer[i])).into_iter().sum();
-        assert!((sum - Vec3::from(beauty[i])).abs().max_element() < 1e-5);
+        assert!((sum - Vec3::from(*beauty)).abs().max_element() < 1e-5);
         mixed.push((1.5 * Vec3::from(key[i]) + Vec3::new(1.0, 0.5, 0.0) * Vec3::from(glow[i])).to_array());
     }
     exr_file::write_rgb(&at("hand.exr"), [0, 0, 24, 16], [0, 0, 24, 16], &mixed).unwrap();
