@@ -1,9 +1,36 @@
-//! Groups of lights, by which layers divide the beauty.
+//! Kinds and groups of lights, by which layers divide the beauty.
 
-use super::queues::LightKind;
 use crate::light::Lights;
 use crate::light::samples::SIZED;
 use crate::scene::Primitive;
+
+/// The kinds of light sources.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LightKind {
+    /// Light from infinity.
+    Environment,
+    /// Emissive surfaces.
+    Area,
+    /// Point, spot and directional lights without a size.
+    Punctual,
+    /// The same with a size.
+    Sized,
+}
+
+impl LightKind {
+    /// All kinds, by their numbers.
+    pub const ALL: [Self; 4] = [Self::Environment, Self::Area, Self::Punctual, Self::Sized];
+
+    /// Its group where none are asked for: environment, emissive surfaces, punctual lights.
+    pub const fn group(self) -> u8 {
+        if matches!(self, Self::Sized) { Self::Punctual as u8 } else { self as u8 }
+    }
+
+    /// Itself and a group in one number.
+    pub const fn with(self, group: u8) -> u32 {
+        self as u32 | (group as u32) << 8
+    }
+}
 
 /// Largest number of groups, with that of the lights that no other has.
 pub const MAX_GROUPS: usize = 9;

@@ -1,6 +1,7 @@
 //! The queues between stages, as structure of arrays: path rays, sorted hits, shadow rays.
 
 use super::history::RayHistory;
+pub use super::light_groups::LightKind;
 use crate::lanes::{F, Survivors, U, V3, V3Column, grow, store, store_bits};
 use crate::rays::RayBatch;
 
@@ -114,34 +115,6 @@ impl SortedHits {
         for list in [&mut self.escaped, &mut self.emissive, &mut self.constant, &mut self.varying] {
             list.clear();
         }
-    }
-}
-
-/// The kinds of light sources.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum LightKind {
-    /// Light from infinity.
-    Environment,
-    /// Emissive surfaces.
-    Area,
-    /// Point, spot and directional lights without a size.
-    Punctual,
-    /// The same with a size.
-    Sized,
-}
-
-impl LightKind {
-    /// All kinds, by their numbers.
-    pub const ALL: [Self; 4] = [Self::Environment, Self::Area, Self::Punctual, Self::Sized];
-
-    /// Its group where none are asked for: environment, emissive surfaces, punctual lights.
-    pub const fn group(self) -> u8 {
-        if matches!(self, Self::Sized) { Self::Punctual as u8 } else { self as u8 }
-    }
-
-    /// Itself and a group in one number.
-    pub const fn with(self, group: u8) -> u32 {
-        self as u32 | (group as u32) << 8
     }
 }
 

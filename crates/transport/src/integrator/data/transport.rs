@@ -4,10 +4,9 @@ use std::sync::Arc;
 
 use super::camera::CameraRays;
 use super::dimensions::MAX_SEGMENTS;
-use super::light_groups::LightGroupTable;
+use super::light_groups::{LightGroupTable, LightKind};
 use super::prepared::Names;
 use super::proposal::Proposal;
-use super::queues::LightKind;
 use crate::balance::{Counts, Heuristic};
 use crate::integrator::surface::geometry::Geometry;
 use crate::integrator::surface::geometry::SurfacePoint;
