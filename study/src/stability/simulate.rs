@@ -250,8 +250,8 @@ impl Exact<'_> {
                 let w = (0..3).map(|c| y[c] * z[c]).sum::<f64>() as f32;
                 let technique = if by_light { Technique::Light } else { Technique::Bsdf };
                 let (r, radiance) = (atom.r() as f32, Vec3::from_array(z.map(|z| (0.5 * z) as f32)));
-                let pixel = pixel as u32;
-                let contribution = Contribution { pixel, technique, area: false, group: 0, index, r, w, radiance };
+                let (of, area) = (pixel as u32, false);
+                let contribution = Contribution { pixel: of, technique, area, group: 0, index, r, w, radiance };
                 found(&mut self.sums[pixel], atom, by_light, contribution);
             }
         }
