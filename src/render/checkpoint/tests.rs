@@ -17,6 +17,7 @@ fn tiles_come_back_and_anything_else_does_not() {
         aovs: true,
         extras: true,
         ground: Ground::Shadow,
+        light_groups: Some("key".parse().unwrap()),
         balance: Balance::SecondOrder,
         ..Default::default()
     };
