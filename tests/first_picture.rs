@@ -2,14 +2,15 @@
 
 use std::fs;
 use std::path::Path;
+use std::sync::atomic::AtomicBool;
 
 use bismar::balance::Counts;
-use bismar::film::PixelStats;
+use bismar::film::{PixelStats, Pixels};
 use bismar::integrator::clients::PixelSums;
 use bismar::integrator::{PixelTask, Wave, scalar};
 use bismar::rays::Backend;
 use bismar::render::default_light::own_light;
-use bismar::render::{BackFaces, RenderSettings, transport};
+use bismar::render::{BackFaces, Choice, RenderSettings, RunOptions, Technique, run, transport};
 use bismar::scene::build::{area_light, lambert, look, metal};
 use bismar::scene::import::{ImportOptions, NoteKind, import};
 use bismar::scene::{Environment, Material, Scene, TextureSlot};
@@ -103,9 +104,6 @@ fn a_lamp_over_a_floor_is_enough_light() {
 
 #[test]
 fn without_clipping_a_camera_with_planes_is_one_without() {
-    use bismar::film::Pixels;
-    use bismar::render::{Choice, RunOptions, Technique, run};
-    use std::sync::atomic::AtomicBool;
     // The planes hide all: no surface is lit in what they leave.
     let with = |clip: Option<[f32; 2]>| {
         let mut scene = lamp_over_floor(9.0);

@@ -197,12 +197,10 @@ fn the_variance_of_a_picture_s_mean_counts_how_its_pixels_are_related() {
     for seed in 0..REPLICAS {
         let of = RenderSettings { seed, ..of.clone() };
         let rendered = render(&stage.scene, &of, &AtomicBool::new(false), &|_| ()).unwrap();
-        let film = rendered.film();
-        let pixels = (0..of.height).flat_map(|y| (0..of.width).map(move |x| (x, y)));
         let (mut sum, mut variance, n) = (0.0, 0.0, f64::from(of.width * of.height));
-        for (x, y) in pixels {
-            sum += f64::from(film.at(x, y).0.mean()[1]);
-            variance += f64::from(film.at(x, y).0.variance_of_mean()[1]);
+        for pixel in rendered.film().pixels {
+            sum += f64::from(pixel.mean()[1]);
+            variance += f64::from(pixel.variance_of_mean()[1]);
         }
         mean.add(sum / n);
         let alone = variance / n.powi(2);

@@ -70,8 +70,8 @@ fn percent(text: &str) -> std::result::Result<f64, String> {
 
 pub fn run(args: &CheckArgs, verbosity: Verbosity) -> Result<Verdict> {
     let began = Instant::now();
-    if args.out == Path::new(OUT) && args.out.is_symlink() {
-        return Err(Error::CannotCreate(format!("{OUT}: not written: it is a link; --out DIR names another folder")));
+    if args.out == Path::new(OUT) {
+        atomic::check_folder(&args.out, "--out")?;
     }
     let folder = args.out.join("new");
     let mut folders = vec![args.out.clone()];

@@ -123,9 +123,8 @@ fn submit(args: &SubmitArgs) -> Result<Verdict> {
         (false, _) => vec![render_of_scene(args)?],
     };
     let folder = args.folder.clone().unwrap_or_else(|| args.input.with_extension("farm"));
-    if args.folder.is_none() && folder.is_symlink() {
-        let why = "not written: it is a link; --folder DIR names another folder";
-        return Err(Error::CannotCreate(format!("{}: {why}", folder.display())));
+    if args.folder.is_none() {
+        atomic::check_folder(&folder, "--folder")?;
     }
     let folder = absolute_path(&folder)?;
     let progress = if args.format == Format::Openjd { "openjd" } else { "plain" };

@@ -19,8 +19,8 @@ pub const ATTRIBUTE: &str = "bismar.command";
 const OF_THE_PICTURE: [&str; 51] = [
     "animation", "aov", "aperture", "back-faces", "balance", "camera", "clamp-direct", "clamp-indirect", "colorspace",
     "crop", "denoise", "energy-compensation", "env-rotate", "env-strength", "filter", "focus", "fps", "frame",
-    "glass-shadows", "ground", "guiding-memory", "half", "integrator", "lens-blades", "light-groups",
-    "light-radius", "light-unit", "max-depth", "min-spp", "motion-steps", "no-clip", "no-env", "noise", "orbit", "pilot", "placed",
+    "glass-shadows", "ground", "guiding-memory", "half", "integrator", "lens-blades", "light-groups", "light-radius",
+    "light-unit", "max-depth", "min-spp", "motion-steps", "no-clip", "no-env", "noise", "orbit", "pilot", "placed",
     "pose", "preset", "rays", "scene-name", "seed", "seed-per-frame", "shutter", "size", "sky", "spp", "sun-angle",
     "sunsky", "time", "transparent", "variant",
 ];

@@ -198,10 +198,12 @@ impl Tile {
     pub(super) fn variances(&self) -> Option<[f64; 2]> {
         let WaveMeans { means, paths } = self.waves;
         let sum = |variance: [f32; 3]| variance.map(f64::from).iter().sum::<f64>();
-        let n = self.pixels() as f64;
-        let per_path = n * n * sum(means.variance_of_mean()) * f64::from(paths);
-        let of_pixels = self.stats.iter().map(|stats| sum(stats.variance_of_mean())).sum();
-        (means.samples > 1).then(|| [per_path * n / self.all_paths() as f64, of_pixels])
+        (means.samples > 1).then(|| {
+            let n = self.pixels() as f64;
+            let per_path = n * n * sum(means.variance_of_mean()) * f64::from(paths);
+            let of_pixels = self.stats.iter().map(|stats| sum(stats.variance_of_mean())).sum();
+            [per_path * n / self.all_paths() as f64, of_pixels]
+        })
     }
 
     /// Its pixels' statistics.

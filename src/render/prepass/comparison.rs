@@ -32,7 +32,7 @@ pub struct Compared {
 }
 
 /// Colours of a pixel in two scrambles.
-type Colors = [[f32; 3]; 2];
+pub type Colors = [[f32; 3]; 2];
 
 /// Renders both in some of the picture's pixels. Those of a smaller picture would contain more edges, whose error is the same
 /// with any directions. `None` soon after `stopped`.
@@ -97,7 +97,7 @@ fn trace(
 }
 
 /// The relative error of a pixel; `None` if a colour is not finite.
-fn error([a, b]: &Colors, divisors: [f64; 3]) -> Option<f64> {
+pub fn error([a, b]: &Colors, divisors: [f64; 3]) -> Option<f64> {
     let error: f64 = (0..3).map(|c| f64::from(a[c] - b[c]).powi(2) / divisors[c]).sum();
     error.is_finite().then_some(error)
 }

@@ -1,7 +1,7 @@
 //! The pre-pass: a short render of the same view at low resolution before the first pass. It decides how the environment is
 //! sampled ([`compensation`]), how emissive triangles are ([`learned_lights`]) and whether paths are guided ([`guiding`]): the
-//! last two learn from the same paths ([`rounds`]). Then it decides whether paths are re-used ([`path_reuse`]). Results depend only on the scene, the view, the seed and settings, so that
-//! every part, crop and session decides alike.
+//! last two learn from the same paths ([`rounds`]). Then it decides whether paths are re-used ([`path_reuse`]). Results
+//! depend only on the scene, the view, the seed and settings, so that every part, crop and session decides alike.
 
 pub mod allocation;
 mod comparison;
@@ -38,8 +38,8 @@ pub struct Prepasses<'s> {
 
 impl<'s> Prepasses<'s> {
     /// Runs the pre-passes that `settings` ask for. First the density of the environment is chosen, then the paths of the same
-    /// rounds teach all learners, then it is decided whether paths are re-used, then paths are allocated. The results mean nothing if `stop` is raised: the rest then ends
-    /// within a tile's time.
+    /// rounds teach all learners, then it is decided whether paths are re-used, then paths are allocated.
+    /// The results mean nothing if `stop` is raised: the rest then ends within a tile's time.
     pub fn run(scene: &'s PreparedScene, settings: &RenderSettings, stop: &AtomicBool) -> Self {
         let mut found = Self::default();
         let plain = transport(scene, settings);

@@ -11,7 +11,7 @@ use super::super::RenderSettings;
 use super::super::decisions::TechniqueStats;
 use super::super::techniques::{Choice, Technique};
 use super::super::tile::{TILE, Tile};
-use super::comparison::spread;
+use super::comparison::{error, spread};
 use super::effort;
 use super::rounds::Decided;
 use crate::film::compare::relative_to;
@@ -160,12 +160,12 @@ fn errors(transport: &Transport, settings: &RenderSettings, position: [u32; 2], 
         *n += 1.0;
         (0..3).for_each(|c| sums[c] += f64::from(color[c]));
     }
-    let error = |(i, [a, b]): (usize, [&[f32; 3]; 2])| {
+    let of_pixel = |(i, colors): (usize, [[f32; 3]; 2])| {
         let (n, sums) = means[block(i)];
-        (0..3).map(|c| f64::from(a[c] - b[c]).powi(2) / relative_to(sums[c] / n)).sum::<f64>()
+        error(&colors, sums.map(|sum| relative_to(sum / n))).unwrap_or(f64::INFINITY)
     };
     let way = |[(a, cost), (b, more)]: &[(Vec<[f32; 3]>, f64); 2]| {
-        (a.iter().zip(b).map(|(a, b)| [a, b]).enumerate().map(error).collect(), cost + more)
+        (a.iter().zip(b).map(|(a, b)| [*a, *b]).enumerate().map(of_pixel).collect(), cost + more)
     };
     found.iter().map(way).collect()
 }

@@ -10,7 +10,9 @@ use std::path::Path;
 use tempfile::NamedTempFile;
 
 use super::destination::{Destination, SUFFIX, cannot_create, is_confined, may_replace, temporary_prefix};
-pub use super::destination::{OF_A_PLAN, begin_command, check_below, confine, create_folder, named, open_guessable};
+pub use super::destination::{
+    OF_A_PLAN, begin_command, check_below, check_folder, confine, create_folder, named, open_guessable,
+};
 use super::lock;
 use crate::{Error, Result};
 

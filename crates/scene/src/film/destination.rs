@@ -94,6 +94,15 @@ fn check_place(path: &Path) -> Result<()> {
     if is_confined(path) { check_below(path, &folders()) } else { Ok(()) }
 }
 
+/// Checks that a folder of outputs that the command line does not name is no link; `flag` names another one.
+///
+/// # Errors
+/// [`Error::CannotCreate`].
+pub fn check_folder(folder: &Path, flag: &str) -> Result<()> {
+    let why = || format!("{}: not written: it is a link; {flag} DIR names another folder", folder.display());
+    if folder.is_symlink() { Err(Error::CannotCreate(why())) } else { Ok(()) }
+}
+
 /// Checks that an output that the command line does not name lies below one of the folders, if there are any, and is no link.
 ///
 /// # Errors

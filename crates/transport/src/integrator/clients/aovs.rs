@@ -4,6 +4,7 @@ use glam::Vec3;
 
 use super::mirrors::{MirrorChains, facing_normal};
 use super::velocity::velocity;
+use crate::film::stats::accumulate;
 use crate::film::{AovSums, ExtraSums};
 use crate::integrator::data::context::WaveContext;
 use crate::integrator::data::queues::{LightKind, PathRays, ShadowRays};
@@ -100,13 +101,13 @@ impl Aovs<'_> {
         let sum = match &at.transport.groups {
             Some(table) => {
                 let indirect = self.indirect.get_mut(pixel * table.count + group).filter(|_| is_indirect);
-                indirect.into_iter().for_each(|sum| *sum = (Vec3::from(*sum) + radiance).into());
+                indirect.into_iter().for_each(|sum| accumulate(sum, radiance.into()));
                 self.groups.get_mut(pixel * table.count + group)
             }
             None => self.extras.get_mut(pixel).map(|extras| &mut extras.lights[group]),
         };
         if let Some(sum) = sum {
-            *sum = (Vec3::from(*sum) + radiance).into();
+            accumulate(sum, radiance.into());
         }
     }
 

@@ -30,6 +30,12 @@ impl LightKind {
     pub const fn with(self, group: u8) -> u32 {
         self as u32 | (group as u32) << 8
     }
+
+    /// The kind and the group of such a number.
+    #[inline]
+    pub fn split(number: u32) -> (Self, u8) {
+        (Self::ALL[number as usize & 3], (number >> 8) as u8)
+    }
 }
 
 /// Largest number of groups, with that of the lights that no other has.

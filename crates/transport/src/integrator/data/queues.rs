@@ -207,12 +207,12 @@ impl ShadowRays {
     /// Kind of the light at the end of a ray.
     #[inline]
     pub fn kind(&self, row: usize) -> LightKind {
-        LightKind::ALL[self.kind[row] as usize & 3]
+        LightKind::split(self.kind[row]).0
     }
 
     /// Group of the light at the end of a ray.
     #[inline]
     pub fn group(&self, row: usize) -> usize {
-        self.kind[row] as usize >> 8
+        LightKind::split(self.kind[row]).1.into()
     }
 }

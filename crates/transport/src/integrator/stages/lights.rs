@@ -149,7 +149,7 @@ const KINDS: [LightKind; 3] = [LightKind::Environment, LightKind::Area, LightKin
 #[inline]
 fn grouped(transport: &Transport, kind: U, light: &LightSamples) -> U {
     let Some(groups) = &transport.groups else { return kind };
-    let kinds = kind.to_array().map(|kind| LightKind::ALL[kind as usize & 3]);
+    let kinds = kind.to_array().map(|kind| LightKind::split(kind).0);
     U::from(eight(|lane| kinds[lane].with(groups.sampled(kinds[lane], light.emitter[lane]))))
 }
 
