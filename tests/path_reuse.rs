@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use bismar::film::Pixels;
 use bismar::rays::Backend;
-use bismar::render::{Balance, Choice, RenderSettings, Technique, render};
+use bismar::render::{Balance, Choice, LightGroups, RenderSettings, Technique, render};
 use bismar::scene::{Environment, Material, PunctualKind, PunctualLight, Scene};
 use glam::Vec3;
 
@@ -138,13 +138,13 @@ fn light_that_arrives_by_other_surfaces_is_less_noisy() {
 #[test]
 fn layers_add_up_to_the_picture() {
     let stage = Stage::new(room(lambert(0.7)), Backend::Embree);
-    let of = sharing("16:4", RenderSettings { aovs: true, extras: true, ..settings() });
+    let of = sharing("16:4", RenderSettings { aovs: true, light_groups: Some(LightGroups::kinds()), ..settings() });
     let rendered = render(&stage.scene, &of, &AtomicBool::new(false), &|_| ()).unwrap();
     let pixels = rendered.pixels();
     let mut by_kind = [0.0; 3];
     for (x, y) in (0..of.height).flat_map(|y| (0..of.width).map(move |x| (x, y))) {
         let (stats, sums) = pixels.at(x, y);
-        let lights = pixels.extras(x, y).unwrap().lights;
+        let lights = [0, 1, 2].map(|kind| pixels.light(x, y, kind));
         let green = stats.sum[1];
         let both = f64::from(sums.direct[1] + sums.indirect[1]);
         assert!((both - green).abs() <= 1e-4 * green.max(1.0), "{both} for {green}");
