@@ -105,7 +105,6 @@ impl LightGroups {
         let PreparedScene { scene, lights, .. } = scene;
         let mut finder = Finder { groups: self, is_used: vec![false; self.names.len()], seen: BTreeSet::new() };
         let mut table = LightGroupTable::default();
-        table.count = self.names.len();
         if scene.environment.is_some() {
             table.environment = finder.find(&[ENVIRONMENT], None)?;
         }
@@ -134,6 +133,7 @@ impl LightGroups {
             let why = format!("--light-groups: no light is in the group {name}; the names are {some}{more}");
             return Err(Error::Usage(why));
         }
+        table.is_used = finder.is_used;
         Ok(Some(Arc::new(table.with_area(lights))))
     }
 }

@@ -78,7 +78,12 @@ impl PathEvents for Aovs<'_> {
 
     fn unoccluded(&mut self, at: &WaveContext, shadows: &ShadowRays, found: &UnoccludedLight) {
         let path = shadows.path[found.row];
-        self.add_light(at, path, (shadows.group(found.row), at.depth > 0), found.radiance);
+        self.add_light(
+            at,
+            path,
+            (at.transport.sampled_group(shadows.light(found.row)).into(), at.depth > 0),
+            found.radiance,
+        );
         if at.depth == 0 {
             self.add_direct(path, found.radiance);
         }
@@ -102,8 +107,12 @@ impl Aovs<'_> {
     #[inline]
     fn add_light(&mut self, at: &WaveContext, path: u32, (group, is_indirect): (usize, bool), radiance: Vec3) {
         let i = at.pixel(path) * self.columns.groups + group;
-        let indirect = self.indirect.get_mut(i).filter(|_| is_indirect);
-        self.groups.get_mut(i).into_iter().chain(indirect).for_each(|sum| accumulate(sum, radiance.into()));
+        if let Some(sum) = self.groups.get_mut(i) {
+            accumulate(sum, radiance.into());
+        }
+        if let Some(sum) = self.indirect.get_mut(i).filter(|_| is_indirect) {
+            accumulate(sum, radiance.into());
+        }
     }
 
     fn add_direct(&mut self, path: u32, radiance: Vec3) {

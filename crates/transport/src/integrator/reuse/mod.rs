@@ -283,7 +283,8 @@ impl<E: PathEvents> PathEvents for PathLight<'_, E> {
     #[inline]
     fn unoccluded(&mut self, at: &WaveContext, shadows: &ShadowRays, found: &UnoccludedLight) {
         if at.depth > 0 {
-            let (group, number) = (shadows.group(found.row), shadows.ray[found.row] as usize - at.paths.len());
+            let group = at.transport.sampled_group(shadows.light(found.row));
+            let (group, number) = (usize::from(group), shadows.ray[found.row] as usize - at.paths.len());
             if let Some(lender) = self.lending.lender(number) {
                 if at.depth == 1 {
                     let i = usize::from(shadows.kind(found.row) == LightKind::Punctual);

@@ -80,12 +80,9 @@ impl Pairs {
         let lights = transport.lights;
         let punctual = lights.punctual || lights.sized.is_some();
         let kinds = [lights.environment.is_some(), lights.area.is_some(), punctual];
-        let is_present = |group: &usize| match &transport.groups {
-            Some(table) => *group < table.count,
-            None => kinds.get(*group) == Some(&true),
-        };
+        let is_used = transport.groups.as_ref().map_or(&kinds[..], |table| &table.is_used);
         self.groups.clear();
-        self.groups.extend((0..MAX_GROUPS).filter(is_present));
+        self.groups.extend((0..is_used.len()).filter(|group| is_used[*group]));
         self.ends.clear();
         self.lenders.clear();
         self.borrowed.clear();
