@@ -13,9 +13,10 @@ use bismar::scene::{Environment, LightNode, Material, PunctualKind, PunctualLigh
 use glam::Vec3;
 
 use crate::helpers::gltf_parts::Parts;
-use crate::helpers::program::{assert_same_bits, expect};
+use crate::helpers::program::{assert_same_bits, bismar, expect, stderr};
 use crate::helpers::stage::{Stage, area_light, lambert, look, metal, rectangle};
 use crate::helpers::statistics::{Mean, z_limit};
+use crate::pictures::{denoiser, false_denoiser};
 
 /// A floor, a wall of metal and a shelf under two lamps of one mesh each, an unlit sign, a point, a spherical light and a sky;
 /// only the lights that `is_on` chooses by the numbers of their group and kind.
@@ -213,6 +214,8 @@ fn groups_are_merged_and_resumed_and_mixed_after_the_render() {
             "no layer light_sun; of lights (`render --light-groups`) it has fill, glow, key, rest",
         ),
         ("develop plain.exr --mix key=1", 64, "it has none"),
+        ("develop whole.exr --mix key=1 --layer albedo", 64, "the only --layer that it can be of is denoised"),
+        ("develop whole.exr --mix key=1 --layer denoised", 64, "no layer denoised_key"),
         ("develop whole.exr --mix key=-1", 64, "'key=-1' is not NAME=FACTOR"),
         ("develop whole.exr --mix key=1:2", 64, "'key=1:2' is not NAME=FACTOR"),
         ("render a.gltf --light-groups key=Sun*,all=*", 64, "'Sun.L' is in two groups, key and all"),
@@ -225,4 +228,51 @@ fn groups_are_merged_and_resumed_and_mixed_after_the_render() {
         let said = expect(folder.path(), line, code);
         assert!(said.contains(words), "{line}: {said}");
     }
+}
+
+#[test]
+fn denoised_layers_add_up_to_the_denoised_beauty() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    fs::write(path.join("a.gltf"), gltf()).unwrap();
+    let groups = "--light-groups key=Sun*,fill,glow";
+    let render = |library: &Path, name: &str| {
+        let line = format!("render a.gltf --size 48x32 --spp 16 -q {groups} --denoise oidn -o {name}");
+        let output = bismar(path).args(line.split(' ')).env("BISMAR_OIDN", library).output().unwrap();
+        assert!(output.status.success(), "{}", stderr(&output));
+        let names = ["", "_key", "_fill", "_glow", "_rest"];
+        let [whole, lights @ ..] = names.map(|light| layer(&path.join(name), &format!("denoised{light}")));
+        for (i, whole) in whole.iter().enumerate() {
+            let sum: Vec3 = lights.iter().map(|light| Vec3::from(light[i])).sum();
+            let error = (sum - Vec3::from(*whole)).abs();
+            assert!(error.cmple(Vec3::from(*whole) * 1e-6).all(), "{sum} for {whole:?}");
+        }
+        (whole, lights)
+    };
+    // A denoiser that is not linear. What its layers lack is shared in proportion.
+    let square = "for (size_t i = 0; i < 3 * w * h; i++) out[i] = in[i] * in[i];";
+    let (whole, lights) = render(&false_denoiser(path, "square.so", square), "square.exr");
+    let noisy = ["key", "fill", "glow", "rest"].map(|name| layer(&path.join("square.exr"), &format!("light_{name}")));
+    for (i, whole) in whole.iter().enumerate() {
+        let squares = [0, 1, 2, 3].map(|light| Vec3::from(noisy[light][i]).powf(2.0));
+        let sum: Vec3 = squares.iter().sum();
+        for (light, own) in lights.iter().zip(squares).filter(|_| sum.min_element() > 0.0) {
+            let expected = own / sum * Vec3::from(*whole);
+            assert!((Vec3::from(light[i]) - expected).abs().max_element() <= 1e-5 * whole[0].max(1e-3));
+        }
+    }
+    let developed = |flags: &str| {
+        expect(path, &format!("develop square.exr --layer denoised {flags} --view srgb --exposure 1 -q -o a.png"), 0);
+        image::open(path.join("a.png")).unwrap().into_rgb8()
+    };
+    let [plain, mixed, none] = ["", "--mix key=1", "--mix key=0,fill=0,glow=0"].map(developed);
+    let largest = plain.iter().zip(mixed.iter()).map(|(a, b)| a.abs_diff(*b)).max();
+    assert!(largest <= Some(1) && plain.iter().max() > Some(&20) && none.iter().max() == Some(&0));
+
+    let Some(library) = denoiser() else { return };
+    let (_, clean) = render(&library, "clean.exr");
+    expect(path, &format!("render a.gltf --size 48x32 --spp 4096 --seed 9 -q {groups} -o true.exr"), 0);
+    let [before, truth] = ["clean.exr", "true.exr"].map(|name| layer(&path.join(name), "light_key"));
+    let error = |layer: &[[f32; 3]]| layer.iter().zip(&truth).map(|(a, b)| (a[0] - b[0]).powi(2)).sum::<f32>();
+    assert!(error(&clean[0]) < 0.7 * error(&before), "{} {}", error(&clean[0]), error(&before));
 }

@@ -290,7 +290,8 @@ pub struct RenderArgs {
     /// Hide the environment from the camera and write alpha. The environment still lights the scene.
     #[arg(long, help_heading = "Output")]
     pub transparent: bool,
-    /// Add a denoised layer `denoised`, and show it in the PNG. The beauty stays unchanged.
+    /// Add a denoised layer `denoised`, and show it in the PNG; layers of lights get a `denoised_NAME` each. The beauty stays
+    /// unchanged.
     #[arg(long, value_parser = value_of::<Denoise>(), conflicts_with = "part", help_heading = "Output")]
     pub denoise: Option<Denoise>,
     /// Also write a picture to look at: .png, .jpg, or lossless .webp.

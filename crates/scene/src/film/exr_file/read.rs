@@ -1,7 +1,6 @@
 //! Reads OpenEXR files: pictures, environments, and the attributes and statistics of our own files.
 
 use std::borrow::Cow;
-use std::collections::BTreeSet;
 use std::fs::{self, File};
 use std::io::{BufReader, Cursor, ErrorKind, Read, Seek, SeekFrom};
 use std::os::unix::fs::FileTypeExt;
@@ -210,16 +209,13 @@ pub(super) fn guarded<T>(decode: impl FnOnce() -> Result<T>) -> std::result::Res
 }
 
 fn decode(bytes: &[u8], layers: &[Option<&str>], fits: &Fits) -> Result<Vec<Picture>> {
-    let chunks = checked(bytes)?;
-    let mut all =
-        layers.iter().map(|layer| Decoded::new(chunks.headers(), *layer, fits)).collect::<Result<Vec<_>>>()?;
-    let mut chunks = Some(chunks);
-    let parts: BTreeSet<usize> = all.iter().map(|own| own.part).collect();
-    for part in parts {
-        let chunks = chunks.take().map_or_else(|| checked(bytes), Ok)?;
-        each_block(chunks, part, |block| {
-            all.iter_mut().filter(|own| own.part == part).try_for_each(|own| own.put(&block))
-        })?;
+    let headers = checked(bytes)?.headers().to_vec();
+    let mut all = layers.iter().map(|layer| Decoded::new(&headers, *layer, fits)).collect::<Result<Vec<_>>>()?;
+    for part in 0..headers.len() {
+        let mut wanted = all.iter_mut().filter(|own| own.part == part).collect::<Vec<_>>();
+        if !wanted.is_empty() {
+            each_block(checked(bytes)?, part, |block| wanted.iter_mut().try_for_each(|own| own.put(&block)))?;
+        }
     }
     Ok(all.into_iter().zip(layers).map(|(own, layer)| own.converted(*layer)).collect())
 }
