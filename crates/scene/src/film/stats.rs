@@ -111,6 +111,7 @@ pub struct ExtraSums {
 }
 
 /// Adds a colour to a sum.
+#[inline]
 pub fn accumulate(sum: &mut [f32; 3], more: [f32; 3]) {
     sum.iter_mut().zip(more).for_each(|(sum, more)| *sum += more);
 }
