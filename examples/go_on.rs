@@ -34,7 +34,7 @@ fn main() -> Result<()> {
         let options = RunOptions { began, from, ..RunOptions::new(&stop, &progress) };
         let rendered = run(&scene, &settings, options)?;
         let record = Record::new(&identity, &requested, &rendered, Host::of(scene.rays.info()), true);
-        checkpoint::write(&out, &rendered, &record, Vec::new(), None, true)?;
+        checkpoint::write(&out, &rendered, &record, Vec::new(), &[], true)?;
         eprintln!("{} paths so far", rendered.stats.paths);
         if rendered.stop != StopReason::Interrupted {
             return Ok(());

@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use bismar::film::{Aov, AovSums, ExtraSums, PixelStats, Pixels, exr_file};
 use bismar::rays::Backend;
-use bismar::render::{Balance, Choice, RenderSettings, Rendered, Technique, render};
+use bismar::render::{Balance, Choice, LightGroups, RenderSettings, Rendered, Technique, render};
 use bismar::scene::{Environment, Material, PunctualKind, PunctualLight, Scene};
 use exr::image::FlatSamples;
 use glam::{Vec3, Vec4};
@@ -28,6 +28,7 @@ fn rendered_by(scene: Scene, balance: Balance, adaptive: Choice) -> Rendered {
         spp: Some(32),
         aovs: true,
         extras: true,
+        light_groups: Some(LightGroups::kinds()),
         balance,
         ..RenderSettings::even().with(Technique::Adaptive, adaptive)
     };
@@ -35,10 +36,15 @@ fn rendered_by(scene: Scene, balance: Balance, adaptive: Choice) -> Rendered {
 }
 
 fn each(rendered: &Rendered, mut check: impl FnMut(PixelStats, AovSums, ExtraSums)) {
+    each_lit(rendered, |stats, sums, extras, _| check(stats, sums, extras));
+}
+
+/// The last argument is light by kind.
+fn each_lit(rendered: &Rendered, mut check: impl FnMut(PixelStats, AovSums, ExtraSums, [[f32; 3]; 3])) {
     let pixels = rendered.pixels();
     for (x, y) in (0..16).flat_map(|y| (0..24).map(move |x| (x, y))) {
         let (stats, sums) = pixels.at(x, y);
-        check(stats, sums, pixels.extras(x, y).unwrap());
+        check(stats, sums, pixels.extras(x, y).unwrap(), [0, 1, 2].map(|kind| pixels.light(x, y, kind)));
     }
 }
 
@@ -82,15 +88,15 @@ fn groups_of_light_and_direct_and_indirect_light_add_up_to_the_beauty() {
         let found = rendered.stats.techniques[Technique::Adaptive].and_then(|adaptive| adaptive.emission_rays);
         assert_eq!(found > Some(0.0), adaptive == Choice::On);
         let mut by_group = [0.0; 3];
-        each(&rendered, |stats, sums, extras| {
+        each_lit(&rendered, |stats, sums, _, lights| {
             for c in 0..3 {
-                let all: f32 = (0..3).map(|group| extras.lights[group][c]).sum();
+                let all: f32 = lights.iter().map(|light| light[c]).sum();
                 let beauty = stats.sum[c] as f32;
                 assert!((all - beauty).abs() <= 1e-4 * beauty.max(1.0), "{all} {beauty}");
                 let both = sums.direct[c] + sums.indirect[c];
                 assert!((both - beauty).abs() <= 1e-4 * beauty.max(1.0), "{both} {beauty}");
             }
-            for (total, group) in by_group.iter_mut().zip(extras.lights) {
+            for (total, group) in by_group.iter_mut().zip(lights) {
                 *total += f64::from(group[1]);
             }
         });

@@ -8,20 +8,20 @@ use std::sync::atomic::AtomicBool;
 use bismar::film::{Picture, Pixels, exr_file};
 use bismar::integrator::Reuse;
 use bismar::rays::Backend;
-use bismar::render::{Balance, Choice, RenderSettings, Technique, render};
+use bismar::render::{Balance, Choice, LightGroups, RenderSettings, Technique, render};
 use bismar::scene::{Environment, LightNode, Material, PunctualKind, PunctualLight, Scene};
 use glam::Vec3;
 
 use crate::helpers::gltf_parts::Parts;
-use crate::helpers::program::{assert_same_bits, expect};
+use crate::helpers::program::{assert_same_bits, bismar, expect, stderr};
 use crate::helpers::stage::{Stage, area_light, lambert, look, metal, rectangle};
 use crate::helpers::statistics::{Mean, z_limit};
+use crate::pictures::{denoiser, false_denoiser};
 
 /// A floor, a wall of metal and a shelf under two lamps of one mesh each, an unlit sign, a point, a spherical light and a sky;
-/// only the lights of a group, or all.
-fn room(group: Option<usize>) -> Scene {
-    let is_on = |own: usize| group.is_none_or(|group| group == own);
-    let environment = is_on(2).then(|| Environment::constant([0.2, 0.3, 0.4]));
+/// only the lights that `is_on` chooses by the numbers of their group and kind.
+fn room(is_on: impl Fn(usize, usize) -> bool) -> Scene {
+    let environment = is_on(2, 0).then(|| Environment::constant([0.2, 0.3, 0.4]));
     let mut scene = Scene { environment, ..Default::default() };
     rectangle(&mut scene, 0.0, [-2.0, 2.0], [-2.0, 2.0], true, lambert(0.7));
     rectangle(&mut scene, 0.5, [-1.0, 0.0], [-1.0, 0.0], true, metal(0.3));
@@ -32,13 +32,13 @@ fn room(group: Option<usize>) -> Scene {
     {
         let dark =
             if material.unlit { Material { base_color: glam::Vec4::W, ..material.clone() } } else { lambert(0.0) };
-        let material = if is_on(own) { material } else { dark };
+        let material = if is_on(own, 1) { material } else { dark };
         let up = material.unlit;
         rectangle(&mut scene, if up { 0.1 } else { 2.0 }, [x - 0.2, x + 0.2], [-0.6, -0.2], up, material);
         scene.instances.last_mut().unwrap().name = name.into();
     }
     for (own, name, x, size) in [(0, "Point", -0.5, 0.0), (0, "Ball", 0.3, 0.2), (3, "Other", 0.6, 0.1)] {
-        if is_on(own) {
+        if is_on(own, 2) {
             scene.light_nodes.push(LightNode { name: format!("Key {name}"), group: (own == 3).then(|| "none".into()) });
             scene.lights.push(PunctualLight {
                 name: name.into(),
@@ -52,7 +52,7 @@ fn room(group: Option<usize>) -> Scene {
             });
         }
     }
-    if is_on(3) {
+    if is_on(3, 2) {
         scene.light_nodes.last_mut().unwrap().name = "Third".into();
     }
     look(&mut scene, Vec3::new(0.0, 1.2, 4.0), Vec3::new(0.0, 0.8, 0.0), 0.8);
@@ -65,63 +65,69 @@ fn settings() -> RenderSettings {
     RenderSettings { width: 24, height: 16, spp: Some(32), max_depth: 5, ..RenderSettings::even() }
 }
 
+/// The means of layers of many renders against those of scenes with the lights of one layer alone.
 #[test]
-fn layers_of_groups_are_pictures_by_their_lights_and_add_up_to_the_beauty() {
+fn layers_are_pictures_by_their_lights_and_add_up_to_the_beauty() {
     const REPLICAS: u32 = 24;
-    let alone = |group| Stage::new(Arc::new(room(Some(group))), Backend::Embree);
-    let alone =
-        [0, 1, 2, 3].map(|group| alone(group).mean_green(&RenderSettings { seed: 900, ..settings() }, 2 * REPLICAS));
+    let only = |is_on: &dyn Fn(usize, usize) -> bool| {
+        let stage = Stage::new(Arc::new(room(is_on)), Backend::Embree);
+        stage.mean_green(&RenderSettings { seed: 900, ..settings() }, 2 * REPLICAS)
+    };
+    let groups = [0, 1, 2, 3].map(|wanted| only(&|group, _| group == wanted));
+    let kinds = [0, 1, 2].map(|wanted| only(&|_, kind| kind == wanted));
     let sizes: Option<Reuse> = "16:4".parse().ok();
     let shared = RenderSettings { reuse_sizes: sizes, ..settings().with(Technique::PathReuse, Choice::On) };
     let adaptive = settings().with(Technique::Adaptive, Choice::On);
+    let by = |balance| RenderSettings { balance, ..settings() };
     let all = [
         (Backend::Embree, settings()),
-        (Backend::Obvhs, RenderSettings { balance: Balance::Half, ..settings() }),
+        (Backend::Obvhs, by(Balance::Half)),
+        (Backend::Embree, by(Balance::SecondOrder)),
         (Backend::Embree, shared),
         (Backend::Obvhs, adaptive),
     ];
-    let limit = z_limit(4 * all.len());
+    let limit = z_limit((groups.len() + kinds.len()) * all.len());
+    let by_name: LightGroups = GROUPS.parse().unwrap();
+    assert_eq!(by_name.names(), ["key", "practicals", "sky", "rest"]);
     for (number, (backend, of)) in (1..).zip(all) {
-        let stage = Stage::new(Arc::new(room(None)), backend);
-        let mut means = [Mean::default(); 4];
-        for seed in 0..REPLICAS {
-            let groups = Some(GROUPS.parse().unwrap());
-            let of = RenderSettings { seed: 100 * number + seed, light_groups: groups, ..of.clone() };
-            let rendered = render(&stage.scene, &of, &AtomicBool::new(false), &|_| ()).unwrap();
-            let pixels = rendered.pixels();
-            assert_eq!(pixels.light_groups(), ["key", "practicals", "sky", "rest"]);
-            let mut sums = [0.0; 4];
-            for (x, y) in (0..16).flat_map(|y| (0..24).map(move |x| (x, y))) {
-                let stats = pixels.at(x, y).0;
-                let lights = [0, 1, 2, 3].map(|group| f64::from(pixels.light(x, y, group)[1]));
-                let (sum, beauty) = (lights.iter().sum::<f64>(), stats.sum[1]);
-                assert!((sum - beauty).abs() <= 1e-4 * beauty.max(1.0), "{sum} for {beauty}");
-                (0..4).for_each(|group| sums[group] += lights[group] / f64::from(stats.samples) / 384.0);
+        let stage = Stage::new(Arc::new(room(|_, _| true)), backend);
+        for (by, alone) in [(&by_name, &groups[..]), (&LightGroups::kinds(), &kinds)] {
+            let mut means = vec![Mean::default(); alone.len()];
+            for seed in 0..REPLICAS {
+                let of = RenderSettings { seed: 100 * number + seed, light_groups: Some(by.clone()), ..of.clone() };
+                let rendered = render(&stage.scene, &of, &AtomicBool::new(false), &|_| ()).unwrap();
+                let pixels = rendered.pixels();
+                let mut sums = vec![0.0; alone.len()];
+                for (x, y) in (0..16).flat_map(|y| (0..24).map(move |x| (x, y))) {
+                    let stats = pixels.at(x, y).0;
+                    let lights = (0..alone.len()).map(|group| f64::from(pixels.light(x, y, group)[1]));
+                    let (sum, beauty) = (lights.clone().sum::<f64>(), stats.sum[1]);
+                    assert!((sum - beauty).abs() <= 1e-4 * beauty.max(1.0), "{sum} for {beauty}");
+                    let samples = f64::from(stats.samples) * 384.0;
+                    sums.iter_mut().zip(lights).for_each(|(sum, light)| *sum += light / samples);
+                }
+                means.iter_mut().zip(sums).for_each(|(mean, sum)| mean.add(sum));
+                let plain = RenderSettings { light_groups: None, ..of.clone() };
+                // Where paths are shared, light is summed by group: other roundings.
+                if seed == 0 && of.reuse_sizes.is_none() {
+                    assert_eq!(stage.green(&plain), stage.green(&of), "layers change no bit of the beauty");
+                }
             }
-            means.iter_mut().zip(sums).for_each(|(mean, sum)| mean.add(sum));
-            let plain = RenderSettings { light_groups: None, ..of.clone() };
-            // Where paths are shared, light is summed by group: other roundings.
-            if seed == 0 && of.reuse_sizes.is_none() {
-                assert_eq!(stage.green(&plain), stage.green(&of), "groups change no bit of the beauty");
+            for (name, (ours, alone)) in by.names().iter().zip(means.iter().zip(alone)) {
+                let z = (ours.mean - alone.mean) / ours.standard_error().hypot(alone.standard_error());
+                let [ours, alone] = [ours.mean, alone.mean];
+                assert!(alone > 0.01 && z.abs() < limit, "{number}, {name}: {ours} {alone}, z {z}");
             }
-        }
-        for (group, (ours, alone)) in means.iter().zip(&alone).enumerate() {
-            let z = (ours.mean - alone.mean) / ours.standard_error().hypot(alone.standard_error());
-            assert!(
-                alone.mean > 0.01 && z.abs() < limit,
-                "{number}, group {group}: {} {}, z {z}",
-                ours.mean,
-                alone.mean
-            );
         }
     }
 }
 
 #[test]
 fn wrong_groups_are_refused_by_name() {
+    let stage = Stage::new(Arc::new(room(|_, _| true)), Backend::Obvhs);
     let table = |groups: &str| {
-        let parsed = groups.parse::<bismar::render::LightGroups>()?;
-        parsed.table(&room(None)).map(drop).map_err(|e| e.to_string())
+        let parsed = groups.parse::<LightGroups>()?;
+        parsed.table(&stage.scene).map(drop).map_err(|e| e.to_string())
     };
     for (groups, words) in [
         ("key=Key*,lamps=L*,all=Lamp left", "'Lamp left' is in two groups, lamps and all"),
@@ -136,6 +142,7 @@ fn wrong_groups_are_refused_by_name() {
         ("key=", "'key=' is not NAME=PATTERN"),
         ("key=[", "'key=['"),
         ("", "'' is not NAME=PATTERN"),
+        ("by kind", "'by kind' is not NAME=PATTERN"),
         ("a=*,b,c,d,e,f,g,h,i", "9 groups: at most 8"),
     ] {
         let said = table(groups).unwrap_err();
@@ -207,14 +214,11 @@ fn groups_are_merged_and_resumed_and_mixed_after_the_render() {
             "no layer light_sun; of lights (`render --light-groups`) it has fill, glow, key, rest",
         ),
         ("develop plain.exr --mix key=1", 64, "it has none"),
+        ("develop whole.exr --mix key=1 --layer albedo", 64, "the only --layer that it can be of is denoised"),
+        ("develop whole.exr --mix key=1 --layer denoised", 64, "no layer denoised_key"),
         ("develop whole.exr --mix key=-1", 64, "'key=-1' is not NAME=FACTOR"),
         ("develop whole.exr --mix key=1:2", 64, "'key=1:2' is not NAME=FACTOR"),
         ("render a.gltf --light-groups key=Sun*,all=*", 64, "'Sun.L' is in two groups, key and all"),
-        (
-            "render a.gltf --light-groups key=Sun* --balance second-order --spp 8",
-            64,
-            "--light-groups: --balance second-order",
-        ),
         ("merge 1.exr other.exr -o no.exr", 65, "light-groups (all=* there, key=Sun*,fill,glow here)"),
     ] {
         if line.contains("other.exr") {
@@ -224,4 +228,51 @@ fn groups_are_merged_and_resumed_and_mixed_after_the_render() {
         let said = expect(folder.path(), line, code);
         assert!(said.contains(words), "{line}: {said}");
     }
+}
+
+#[test]
+fn denoised_layers_add_up_to_the_denoised_beauty() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    fs::write(path.join("a.gltf"), gltf()).unwrap();
+    let groups = "--light-groups key=Sun*,fill,glow";
+    let render = |library: &Path, name: &str| {
+        let line = format!("render a.gltf --size 48x32 --spp 16 -q {groups} --denoise oidn -o {name}");
+        let output = bismar(path).args(line.split(' ')).env("BISMAR_OIDN", library).output().unwrap();
+        assert!(output.status.success(), "{}", stderr(&output));
+        let names = ["", "_key", "_fill", "_glow", "_rest"];
+        let [whole, lights @ ..] = names.map(|light| layer(&path.join(name), &format!("denoised{light}")));
+        for (i, whole) in whole.iter().enumerate() {
+            let sum: Vec3 = lights.iter().map(|light| Vec3::from(light[i])).sum();
+            let error = (sum - Vec3::from(*whole)).abs();
+            assert!(error.cmple(Vec3::from(*whole) * 1e-6).all(), "{sum} for {whole:?}");
+        }
+        (whole, lights)
+    };
+    // A denoiser that is not linear. What its layers lack is shared in proportion.
+    let square = "for (size_t i = 0; i < 3 * w * h; i++) out[i] = in[i] * in[i];";
+    let (whole, lights) = render(&false_denoiser(path, "square.so", square), "square.exr");
+    let noisy = ["key", "fill", "glow", "rest"].map(|name| layer(&path.join("square.exr"), &format!("light_{name}")));
+    for (i, whole) in whole.iter().enumerate() {
+        let squares = [0, 1, 2, 3].map(|light| Vec3::from(noisy[light][i]).powf(2.0));
+        let sum: Vec3 = squares.iter().sum();
+        for (light, own) in lights.iter().zip(squares).filter(|_| sum.min_element() > 0.0) {
+            let expected = own / sum * Vec3::from(*whole);
+            assert!((Vec3::from(light[i]) - expected).abs().max_element() <= 1e-5 * whole[0].max(1e-3));
+        }
+    }
+    let developed = |flags: &str| {
+        expect(path, &format!("develop square.exr --layer denoised {flags} --view srgb --exposure 1 -q -o a.png"), 0);
+        image::open(path.join("a.png")).unwrap().into_rgb8()
+    };
+    let [plain, mixed, none] = ["", "--mix key=1", "--mix key=0,fill=0,glow=0"].map(developed);
+    let largest = plain.iter().zip(mixed.iter()).map(|(a, b)| a.abs_diff(*b)).max();
+    assert!(largest <= Some(1) && plain.iter().max() > Some(&20) && none.iter().max() == Some(&0));
+
+    let Some(library) = denoiser() else { return };
+    let (_, clean) = render(&library, "clean.exr");
+    expect(path, &format!("render a.gltf --size 48x32 --spp 4096 --seed 9 -q {groups} -o true.exr"), 0);
+    let [before, truth] = ["clean.exr", "true.exr"].map(|name| layer(&path.join(name), "light_key"));
+    let error = |layer: &[[f32; 3]]| layer.iter().zip(&truth).map(|(a, b)| (a[0] - b[0]).powi(2)).sum::<f32>();
+    assert!(error(&clean[0]) < 0.7 * error(&before), "{} {}", error(&clean[0]), error(&before));
 }

@@ -136,23 +136,16 @@ fn light_that_arrives_by_other_surfaces_is_less_noisy() {
 }
 
 #[test]
-fn layers_add_up_to_the_picture() {
+fn direct_and_indirect_light_add_up_to_the_picture() {
     let stage = Stage::new(room(lambert(0.7)), Backend::Embree);
-    let of = sharing("16:4", RenderSettings { aovs: true, extras: true, ..settings() });
+    let of = sharing("16:4", RenderSettings { aovs: true, ..settings() });
     let rendered = render(&stage.scene, &of, &AtomicBool::new(false), &|_| ()).unwrap();
     let pixels = rendered.pixels();
-    let mut by_kind = [0.0; 3];
     for (x, y) in (0..of.height).flat_map(|y| (0..of.width).map(move |x| (x, y))) {
         let (stats, sums) = pixels.at(x, y);
-        let lights = pixels.extras(x, y).unwrap().lights;
-        let green = stats.sum[1];
-        let both = f64::from(sums.direct[1] + sums.indirect[1]);
+        let (green, both) = (stats.sum[1], f64::from(sums.direct[1] + sums.indirect[1]));
         assert!((both - green).abs() <= 1e-4 * green.max(1.0), "{both} for {green}");
-        let all: f64 = lights.iter().map(|light| f64::from(light[1])).sum();
-        assert!((all - green).abs() <= 1e-4 * green.max(1.0), "{all} for {green}");
-        by_kind.iter_mut().zip(lights).for_each(|(sum, light)| *sum += f64::from(light[1]));
     }
-    assert!(by_kind.iter().all(|sum| *sum > 0.0), "{by_kind:?}");
 }
 
 #[test]

@@ -288,7 +288,7 @@ fn pictures_of_any_kind_are_compared_in_part_by_layer_and_by_folder() {
 }
 
 /// Open Image Denoise, as Blender's wheel brings it along.
-fn denoiser() -> Option<std::path::PathBuf> {
+pub fn denoiser() -> Option<std::path::PathBuf> {
     let site = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/pictures/lib/python3.11/site-packages/bpy/lib");
     let library = site.join("libOpenImageDenoise.so.2");
     if !library.exists() {

@@ -29,7 +29,7 @@ fn the_sky_and_its_sun_are_those_of_mitsuba() {
         }
         let light = clear.sun(2.0);
         let error = (light.intensity / (2.0 * Vec3::from(sun)) - 1.0).abs().max_element();
-        assert!(error < 0.06, "{text}: {} for twice {sun:?}", light.intensity);
+        assert!(error < 0.025, "{text}: {} for twice {sun:?}", light.intensity);
         let elevation: f32 = text.split(',').next().unwrap().parse().unwrap();
         let (sin, cos) = elevation.to_radians().sin_cos();
         assert!((light.direction - Vec3::new(-cos, -sin, 0.0)).length() < 1e-6, "{}", light.direction);

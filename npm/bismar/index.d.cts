@@ -139,7 +139,7 @@ export interface RenderFlags {
   colorspace?: "rec709" | "acescg" | "rec2020" | undefined;
   /** Hide the environment from the camera and write alpha. The environment still lights the scene */
   transparent?: boolean | undefined;
-  /** Add a denoised layer `denoised`, and show it in the PNG. The beauty stays unchanged */
+  /** Add a denoised layer `denoised`, and show it in the PNG; layers of lights get a `denoised_NAME` each. The beauty stays unchanged */
   denoise?: "oidn" | boolean | undefined;
   /** View transform of the PNG: one of these, or a LUT (.cube) whose result is display-encoded */
   view?: "agx" | "neutral" | "aces" | "srgb" | (string & {}) | undefined;

@@ -425,13 +425,13 @@ class Picture:
         """Camera to world, row by row (4 x 4), as it was rendered: also for the view `framed`."""
         return self._native.view()[0]
 
-    def denoise(self) -> npt.NDArray[np.float32]:
-        """The beauty denoised by Intel Open Image Denoise, float32 (H, W, 3).
+    def denoise(self, layer: str = "beauty") -> npt.NDArray[np.float32]:
+        """The beauty, or a layer of lights as "light_key", denoised by Intel Open Image Denoise, float32 (H, W, 3).
 
         Raises UsageError for a picture that was rendered without `denoise=True`, HostError without the library
         (docs/pictures.md).
         """
-        return self._native.denoised()  # type: ignore[no-any-return]
+        return self._native.denoised(layer)  # type: ignore[no-any-return]
 
     def save(
         self,

@@ -45,8 +45,8 @@ impl Picture {
         Ok((array, channels))
     }
 
-    fn denoised<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let values = run::work(py, None, || self.0.denoised().map(<[_]>::to_vec))?;
+    fn denoised<'py>(&self, py: Python<'py>, layer: &str) -> PyResult<Bound<'py, PyAny>> {
+        let values = run::work(py, None, || self.0.denoised(layer).map(<[_]>::to_vec))?;
         let [width, height] = self.0.size();
         Ok(values.into_flattened().into_pyarray(py).reshape([height, width, 3])?.into_any())
     }

@@ -28,8 +28,9 @@ pub struct DevelopArgs {
     #[arg(long, value_name = "NAME")]
     layer: Option<String>,
     /// The sum of the layers of lights, each times a factor, in place of the beauty: a number or R:G:B. Names are those of `render
-    /// --light-groups`, or of the kinds of --aov lights; layers without a factor stay as they are.
-    #[arg(long, value_name = "NAME=FACTOR,...", conflicts_with = "layer")]
+    /// --light-groups`, or of the kinds of --aov lights; layers without a factor stay as they are. With --layer denoised, of the
+    /// denoised layers.
+    #[arg(long, value_name = "NAME=FACTOR,...")]
     mix: Option<Mix>,
 }
 
@@ -57,28 +58,35 @@ impl FromStr for Mix {
 }
 
 impl Mix {
-    /// The colours of the mix of a file's layers of lights.
-    fn of(&self, path: &Path) -> Result<Vec<[f32; 3]>> {
+    /// A file's beauty with the mix of its layers of lights in place of its colours.
+    fn of(&self, path: &Path, layer: Option<&str>) -> Result<Picture> {
+        let prefix = match layer {
+            None => "light_",
+            Some("denoised") => "denoised_",
+            Some(_) => return Err(Error::Usage("--mix: the only --layer that it can be of is denoised".into())),
+        };
         let channels = exr_file::channels(path)?;
-        let lights = channels.iter().filter_map(|name| name.strip_prefix("light_")?.strip_suffix(".R"));
-        let lights: Vec<&str> = lights.collect();
+        let layers = channels.iter().filter_map(|name| name.strip_suffix(".R").filter(|name| name.starts_with(prefix)));
+        let layers: Vec<&str> = layers.collect();
+        let lights: Vec<&str> = layers.iter().filter_map(|name| name.strip_prefix(prefix)).collect();
         if let Some((name, _)) = self.0.iter().find(|(name, _)| !lights.contains(&name.as_str())) {
             let have = if lights.is_empty() { "none".into() } else { lights.join(", ") };
             let path = path.display();
             let why =
-                format!("{path}: --mix: no layer light_{name}; of lights (`render --light-groups`) it has {have}");
+                format!("{path}: --mix: no layer {prefix}{name}; of lights (`render --light-groups`) it has {have}");
             return Err(Error::Usage(why));
         }
-        let mut sum = Vec::new();
-        for name in lights {
-            let layer = Picture::open(path, Some(&format!("light_{name}")))?.rgb;
+        let wanted: Vec<_> = [None].into_iter().chain(layers.into_iter().map(Some)).collect();
+        let mut pictures = Picture::open_all(path, &wanted)?.into_iter();
+        let mut picture = pictures.next().ok_or_else(|| Error::Bug("no beauty".into()))?;
+        picture.rgb.fill([0.0; 3]);
+        for (name, layer) in lights.into_iter().zip(pictures) {
             let factor = self.0.iter().find(|(own, _)| own == name).map_or([1.0; 3], |(_, factor)| *factor);
-            sum.resize(layer.len(), [0.0; 3]);
-            for (sum, light) in sum.iter_mut().zip(layer) {
+            for (sum, light) in picture.rgb.iter_mut().zip(layer.rgb) {
                 (0..3).filter(|c| factor[*c] > 0.0).for_each(|c| sum[c] += factor[c] * light[c]);
             }
         }
-        Ok(sum)
+        Ok(picture)
     }
 }
 
@@ -97,10 +105,9 @@ pub fn run(args: &DevelopArgs, verbosity: Verbosity) -> Result<Verdict> {
     if let ViewTransform::Lut(_, path, _) = &view {
         paths.reads("--view", path)?;
     }
-    let mut picture = Picture::open(&args.input, args.layer.as_deref())?;
-    if let Some(mix) = &args.mix {
-        picture.rgb = mix.of(&args.input)?;
-    }
+    let layer = args.layer.as_deref();
+    let picture =
+        args.mix.as_ref().map_or_else(|| Picture::open(&args.input, layer), |mix| mix.of(&args.input, layer))?;
     // bismar always writes A; only pictures of --transparent are meant to be composited.
     let header = exr_file::read_header(&args.input).unwrap_or_default();
     let opaque = !header.is_empty() && text(&header, "bismar.background") != Some("transparent");

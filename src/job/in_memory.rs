@@ -15,9 +15,9 @@ use crate::color::ColorSpace;
 use crate::console::Paths;
 use crate::film::aov::{Channel, Value, beauty};
 use crate::film::compare::{Comparison, compare as compare_pictures, in_common};
-use crate::film::denoise::Denoiser;
+use crate::film::denoise::{DENOISED, Denoiser, denoised_layers};
 use crate::film::picture::Picture as FilmPicture;
-use crate::film::{Background, Exposure, Look, Pixels, View, ViewTransform, colors, denoised, preview};
+use crate::film::{Background, Exposure, Look, Pixels, View, ViewTransform, colors, preview};
 use crate::integrator::PreparedScene;
 use crate::render::camera::lens;
 use crate::render::{Identity, Progress, RenderSettings, Rendered, RunOptions, StopReason, run};
@@ -217,7 +217,7 @@ pub struct RenderedPicture {
     rendered: Rendered,
     seconds: Seconds,
     threads: usize,
-    denoised: OnceLock<Vec<[f32; 3]>>,
+    denoised: OnceLock<Vec<(String, Vec<[f32; 3]>)>>,
     /// Its light shares are by no method of `--balance`, so no file can say how it was made.
     has_own_heuristic: bool,
 }
@@ -281,22 +281,28 @@ impl RenderedPicture {
         (info.to_world, (info.projection == PERSPECTIVE).then(|| info.vertical.to_radians()))
     }
 
-    /// The denoised beauty, linear RGB row by row; computed once.
+    /// The denoised beauty, or a denoised layer of lights (`light_NAME`), linear RGB row by row; computed once.
     ///
     /// # Errors
-    /// [`Error::Usage`] if the sums that guide the denoiser were not taken; those of the denoiser.
-    pub fn denoised(&self) -> Result<&[[f32; 3]]> {
+    /// [`Error::Usage`] if the sums that guide the denoiser were not taken, and for other layers; those of the denoiser.
+    pub fn denoised(&self, layer: &str) -> Result<&[[f32; 3]]> {
         if !self.rendered.settings.extras {
             return Err(Error::Usage(
                 "this picture has no guides for the denoiser: render it with denoise, or with the AOV guide-albedo"
                     .into(),
             ));
         }
-        if let Some(done) = self.denoised.get() {
-            return Ok(done);
-        }
-        let pixels = denoised(&Denoiser::load()?, &self.rendered.pixels())?;
-        Ok(self.denoised.get_or_init(|| pixels))
+        let name = layer.replacen("beauty", DENOISED, 1).replacen("light_", "denoised_", 1);
+        let layers = match self.denoised.get() {
+            Some(done) => done,
+            None => {
+                let denoiser = Denoiser::load()?;
+                let layers = denoised_layers(&self.rendered.pixels(), |noisy| noisy.denoised(&denoiser))?;
+                self.denoised.get_or_init(|| layers)
+            }
+        };
+        let found = layers.iter().find(|(own, _)| *own == name).map(|(_, colors)| &colors[..]);
+        found.ok_or_else(|| Error::Usage(format!("'{layer}' is not denoised: beauty is, and layers of lights")))
     }
 
     /// Writes the picture: `.exr` with all its layers; `.png`, `.jpg` or `.webp` through a view transform. `resumable` also
@@ -342,7 +348,7 @@ impl RenderedPicture {
                 if request.denoise.is_none() {
                     return preview::write(path, &self.rendered.pixels(), &look, &mark);
                 }
-                let picture = FilmPicture { rgb: self.denoised()?.to_vec(), ..self.picture() };
+                let picture = FilmPicture { rgb: self.denoised("beauty")?.to_vec(), ..self.picture() };
                 let opaque = self.rendered.background != Background::Transparent;
                 preview::write_picture(path, &picture, opaque, &look, &mark)
             }
@@ -358,7 +364,7 @@ impl RenderedPicture {
         let exposure = Exposure::Auto.of(colors(&self.rendered.pixels()));
         let mut picture = self.picture();
         if self.request.denoise.is_some() {
-            picture.rgb = self.denoised()?.to_vec();
+            picture.rgb = self.denoised("beauty")?.to_vec();
         }
         preview::encoded_picture(&picture, &Look { view: View::Agx.into(), exposure })
     }

@@ -92,7 +92,10 @@ impl Need<'_> {
         let writing = self.window_pixels * WRITING_BYTES_PER_PIXEL[usize::from(!settings.aovs)];
         let [process, pictures, network] = DENOISER_BYTES;
         let denoiser = match self.denoises {
-            true => process + pixels * pictures + pixels.min(DENOISER_TILE_PIXELS) * network,
+            true => {
+                let layers = settings.columns().groups as u64 * size_of::<[f32; 3]>() as u64;
+                process + pixels * (pictures + layers) + pixels.min(DENOISER_TILE_PIXELS) * network
+            }
             false => 0,
         };
         let [guiding, lights] = LEARNING_BYTES;

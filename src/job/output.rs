@@ -12,16 +12,13 @@ use super::loaded::Loaded;
 use super::names::names;
 use super::request::RenderRequest;
 use super::stats::{Seconds, Stats};
-use crate::film::denoise::{Denoiser, NoisyPicture};
+use crate::film::denoise::{DENOISED, Denoiser, denoised_layers};
 use crate::film::exr_file::{CALIBRATION, Header, HeaderValue, WORLD_TO_CAMERA, WORLD_TO_NDC};
 use crate::film::{Background, Look, Picture, colors, exr_file, preview};
 use crate::render::checkpoint::{self, Host, json};
 use crate::render::{Identity, Record, RenderSettings, Rendered, StopReason, camera};
 use crate::scene::Projection;
 use crate::{Error, Result};
-
-/// Layer of the denoised beauty.
-const DENOISED_LAYER: &str = "denoised";
 
 /// Writes the outputs of one render, at each checkpoint and at its end.
 pub struct OutputWriter<'a> {
@@ -36,8 +33,8 @@ pub struct OutputWriter<'a> {
     resumable: bool,
     /// Whether the finished picture is denoised.
     denoises: bool,
-    /// The denoised beauty of the finished picture, row by row.
-    denoised: RefCell<Option<Vec<[f32; 3]>>>,
+    /// The denoised layers of the finished picture, row by row.
+    denoised: RefCell<Vec<(String, Vec<[f32; 3]>)>>,
     seconds: Cell<Seconds>,
 }
 
@@ -67,7 +64,7 @@ impl<'a> OutputWriter<'a> {
             output: request.output.clone(),
             resumable,
             denoises: request.denoise.is_some(),
-            denoised: RefCell::new(None),
+            denoised: RefCell::default(),
             seconds: Cell::new(seconds),
         })
     }
@@ -96,8 +93,8 @@ impl<'a> OutputWriter<'a> {
         if self.denoises && rendered.stop != StopReason::Interrupted {
             self.write_picture(rendered, true)?;
             let start = Instant::now();
-            let denoised = denoised_elsewhere(&NoisyPicture::of(&rendered.pixels()), stop);
-            *self.denoised.borrow_mut() = Some(denoised.map_err(|error| self.not_denoised(error))?);
+            let denoised = denoised_layers(&rendered.pixels(), |noisy| denoised_elsewhere(noisy, stop));
+            *self.denoised.borrow_mut() = denoised.map_err(|error| self.not_denoised(error))?;
             self.add_write_seconds(start);
         }
         let mut stats = self.write_picture(rendered, with_statistics)?;
@@ -135,11 +132,11 @@ impl<'a> OutputWriter<'a> {
         let mut record = Record::new(self.identity, &requested, rendered, Host::of(backend), self.resumable);
         let header = self.header(&stats)?;
         let denoised = self.denoised.borrow();
-        if self.denoises && denoised.is_none() {
+        if self.denoises && denoised.is_empty() {
             // `--resume` denoises it.
             record.stop = StopReason::Interrupted;
         }
-        checkpoint::write(&self.output, rendered, &record, header, denoised.as_deref(), with_statistics)?;
+        checkpoint::write(&self.output, rendered, &record, header, &denoised, with_statistics)?;
         self.add_write_seconds(start);
         Ok(stats)
     }
@@ -162,7 +159,7 @@ impl<'a> OutputWriter<'a> {
     fn write_preview(&self, rendered: &Rendered, stats: &Stats) -> Result<()> {
         let Some(path) = &self.request.preview else { return Ok(()) };
         let mark = preview_mark(self.request, self.inputs, rendered.stats.paths);
-        if self.denoised.borrow().is_some() {
+        if !self.denoised.borrow().is_empty() {
             return develop_file(self.request, path, rendered.background, &mark).map(drop);
         }
         preview::write(
@@ -188,7 +185,7 @@ pub fn develop_file(request: &RenderRequest, png: &Path, background: Background,
     let mut picture = Picture::open(output, None)?;
     let exposure = request.exposure.of(picture.colors());
     if request.denoise.is_some() {
-        picture.rgb = Picture::open(output, Some(DENOISED_LAYER))?.rgb;
+        picture.rgb = Picture::open(output, Some(DENOISED))?.rgb;
     }
     let opaque = background != Background::Transparent;
     preview::write_picture(png, &picture, opaque, &Look { view: request.view.clone(), exposure }, mark)?;

@@ -247,7 +247,7 @@ pub fn text<'a>(header: &'a Header, name: &str) -> Option<&'a str> {
     })
 }
 
-/// Writes a render's picture with its record, `more` attributes, a `denoised` layer and, if `with_tiles`, its tiles.
+/// Writes a render's picture with its record, `more` attributes, denoised layers and, if `with_tiles`, its tiles.
 ///
 /// # Errors
 /// Those of [`exr_file::write`]; [`Error::Bug`] if a value cannot be serialised.
@@ -256,7 +256,7 @@ pub fn write(
     rendered: &Rendered,
     record: &Record,
     more: Header,
-    denoised: Option<&[[f32; 3]]>,
+    denoised: &[(String, Vec<[f32; 3]>)],
     with_tiles: bool,
 ) -> Result<()> {
     let mut header = record.header(rendered)?;

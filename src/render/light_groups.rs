@@ -1,27 +1,31 @@
-//! Groups of lights by name, by which layers divide the beauty.
+//! Groups of lights by name or by kind, by which layers divide the beauty.
 
 use std::collections::BTreeSet;
 use std::fmt;
 use std::str::FromStr;
+use std::sync::Arc;
 
 use glob::Pattern;
 use serde::{Deserialize, Serialize};
 
+use crate::integrator::PreparedScene;
 use crate::integrator::data::light_groups::{LightGroupTable, MAX_GROUPS};
-use crate::scene::Scene;
 use crate::{Error, Result};
 
 /// The group of lights that no other group has.
 pub const REST: &str = "rest";
 /// The environment's name.
 const ENVIRONMENT: &str = "env";
+/// The text of the groups by kind, which no list of names is.
+const KINDS: &str = "by kind";
 
-/// Groups of lights: `NAME=PATTERN,...`. A name alone, or with several patterns, one after the other, is allowed.
+/// Groups of lights: `NAME=PATTERN,...`. A name alone, or with several patterns, one after the other, is allowed. Or those of the
+/// kinds of lights.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct LightGroups {
     text: String,
-    /// In the order of the text, and [`REST`].
+    /// In the order of the text, and [`REST`]; or those of [`LightKind::group`].
     names: Vec<String>,
     /// The numbers of groups with their patterns.
     patterns: Vec<(usize, Pattern)>,
@@ -62,7 +66,7 @@ impl TryFrom<String> for LightGroups {
     type Error = String;
 
     fn try_from(text: String) -> std::result::Result<Self, String> {
-        text.parse()
+        if text == KINDS { Ok(Self::kinds()) } else { text.parse() }
     }
 }
 
@@ -79,19 +83,28 @@ impl fmt::Display for LightGroups {
 }
 
 impl LightGroups {
-    /// Their names, the last of which is [`REST`].
+    /// Environment, emissive surfaces, and punctual lights.
+    pub fn kinds() -> Self {
+        let names = ["environment", "surfaces", "punctual"].map(Into::into);
+        Self { text: KINDS.into(), names: names.into(), patterns: Vec::new() }
+    }
+
+    /// Their names.
     pub fn names(&self) -> &[String] {
         &self.names
     }
 
-    /// The groups of a scene's lights.
+    /// The groups of a scene's lights; `None` for those by kind.
     ///
     /// # Errors
     /// [`Error::Usage`] for groups that overlap and for a group without a light.
-    pub fn table(&self, scene: &Scene) -> Result<LightGroupTable> {
+    pub fn table(&self, scene: &PreparedScene) -> Result<Option<Arc<LightGroupTable>>> {
+        if self.text == KINDS {
+            return Ok(None);
+        }
+        let PreparedScene { scene, lights, .. } = scene;
         let mut finder = Finder { groups: self, is_used: vec![false; self.names.len()], seen: BTreeSet::new() };
         let mut table = LightGroupTable::default();
-        table.count = self.names.len();
         if scene.environment.is_some() {
             table.environment = finder.find(&[ENVIRONMENT], None)?;
         }
@@ -113,12 +126,15 @@ impl LightGroups {
         }
         table.surfaces.sort_unstable();
         let unused = self.names.iter().zip(&finder.is_used).find(|(name, is_used)| !**is_used && *name != REST);
-        unused.map_or(Ok(table), |(name, _)| {
+        if let Some((name, _)) = unused {
             let (some, more) = (finder.seen.iter().take(10), finder.seen.len().saturating_sub(10));
             let more = if more > 0 { format!(" and {more} more") } else { String::new() };
             let some = some.map(|name| format!("'{name}'")).collect::<Vec<_>>().join(", ");
-            Err(Error::Usage(format!("--light-groups: no light is in the group {name}; the names are {some}{more}")))
-        })
+            let why = format!("--light-groups: no light is in the group {name}; the names are {some}{more}");
+            return Err(Error::Usage(why));
+        }
+        table.is_used = finder.is_used;
+        Ok(Some(Arc::new(table.with_area(lights))))
     }
 }
 

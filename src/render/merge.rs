@@ -94,7 +94,7 @@ impl Merged {
     /// # Errors
     /// Those of [`checkpoint::write`].
     pub fn write(&self, path: &Path) -> Result<()> {
-        checkpoint::write(path, &self.rendered, &self.record, self.more.clone(), None, self.record.resumable)
+        checkpoint::write(path, &self.rendered, &self.record, self.more.clone(), &[], self.record.resumable)
     }
 }
 

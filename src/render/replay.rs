@@ -7,7 +7,7 @@ use glam::Vec3;
 use super::camera::lens;
 use super::prepass::Prepasses;
 use super::prepass::allocation::Allocation;
-use super::tile::{TILE, Tile};
+use super::tile::{Columns, TILE, Tile};
 use super::transport::{pass_seed, transport};
 use super::{RenderSettings, scheduler};
 use crate::integrator::scalar::{self, Event};
@@ -53,7 +53,8 @@ pub fn replay(
             "paths of this picture find light for other pixels too, and cannot be replayed: give --path-reuse off";
         return Err(Error::Usage(why.into()));
     }
-    let mut tile = Tile::new([x / TILE, y / TILE], settings.width, settings.height, settings.columns());
+    let columns = Columns { groups: 0, ..settings.columns() };
+    let mut tile = Tile::new([x / TILE, y / TILE], settings.width, settings.height, columns);
     let deals = prepasses.allocation.as_ref().is_some_and(Allocation::deals);
     let planned = |tile: &Tile| match &prepasses.allocation {
         Some(allocation) => allocation.next_pass(settings, tile),

@@ -55,7 +55,7 @@ pub fn with_buffers<T>(work: impl FnOnce(&mut Buffers) -> T) -> T {
     BUFFERS.with_borrow_mut(work)
 }
 
-/// The contributions of a second-order pilot's samples and the radiance of its paths, pixel by pixel.
+/// The contributions of a pilot's samples and the radiance of its paths, pixel by pixel.
 #[derive(Debug, Default)]
 struct Pilot {
     counts: Option<Counts>,
@@ -230,6 +230,7 @@ impl Tracer {
     ) {
         let Self { wave, tasks, aovs, contributions, ground, indirect } = self;
         let shares = transport.proposal.reuse.is_some();
+        let count = tile.groups.len() / tile.pixels().max(1);
         for Part { pixels: range, paths: [from, to] } in parts(counts, shares) {
             let before = if shares { tile.sum() } else { DVec3::ZERO };
             let std::ops::Range { start, end } = range;
@@ -256,7 +257,6 @@ impl Tracer {
             let pixels = PixelSums { stats: &mut tile.stats[start..end], peaks: &mut tile.peaks[start..end] };
             let sums = tile.aovs.get_mut(start..end).unwrap_or_default();
             let extras = tile.extras.get_mut(start..end).unwrap_or_default();
-            let count = transport.groups.as_ref().map_or(0, |table| table.count);
             let groups = tile.groups.get_mut(start * count..end * count).unwrap_or_default();
             let indirect = indirect.get_mut(start * count..end * count).unwrap_or_default();
             let wanted = !(sums.is_empty() && extras.is_empty() && groups.is_empty());
@@ -337,10 +337,6 @@ fn reweight(tile: &mut Tile, pilot: &Pilot, total: &[Counts]) {
         // No light sample finds it.
         let [.., ratio] = rates[i / count];
         accumulate(sum, indirect.map(|x| x * (1.0 / ratio - 1.0)));
-    }
-    // The kinds of the pilot's lights are not stored: a change is divided among kinds as the pixel is.
-    for (extras, changes) in tile.extras.iter_mut().zip(changes.chunks(n)) {
-        extras.share_light(changes.iter().sum());
     }
     let of_pixels = changes.chunks(n).zip(pilot.paths.chunks(n));
     for (stats, (changes, paths)) in tile.stats.iter_mut().zip(of_pixels) {

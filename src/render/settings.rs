@@ -157,7 +157,7 @@ pub struct RenderSettings {
     /// What lies below the scene.
     #[serde(default, skip_serializing_if = "is_default")]
     pub ground: Ground,
-    /// Groups of lights, by which the AOV `lights` divides the beauty in place of kinds.
+    /// Groups of lights, by name or kind, by which the AOV `lights` divides the beauty.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub light_groups: Option<LightGroups>,
     /// Render only this part of the tiles.

@@ -1,13 +1,11 @@
 //! The transport of a render: what its paths do, and the seeds of its passes.
 
-use std::sync::Arc;
-
 use super::camera::{camera, lens};
 use super::{BackFaces, GlassShadows, Integrator, RenderSettings, scheduler};
 use crate::integrator::{PreparedScene, Proposal, Transport};
 use crate::sampling::{FilterSampler, hash};
 
-/// The transport of a render with these settings, without what pre-passes learn. A lens that cannot be made ([`lens`]) is
+/// The transport of a render with these settings, without what pre-passes learn and without groups of lights by name. A lens that cannot be made ([`lens`]) is
 /// a pinhole here.
 pub fn transport<'a>(scene: &'a PreparedScene, settings: &RenderSettings) -> Transport<'a> {
     Transport {
@@ -30,10 +28,7 @@ pub fn transport<'a>(scene: &'a PreparedScene, settings: &RenderSettings) -> Tra
         culls_back_faces: settings.back_faces == BackFaces::Cull,
         ground: settings.catches_shadows().then(|| scene.scene.lowest()).flatten(),
         straight_glass_shadows: settings.glass_shadows == GlassShadows::Straight,
-        groups: settings.light_groups.as_ref().and_then(|groups| {
-            // Checked by `validate`.
-            Some(Arc::new(groups.table(&scene.scene).ok()?.with_area(&scene.lights)))
-        }),
+        groups: None,
         proposal: Proposal::new(&scene.lights),
     }
 }

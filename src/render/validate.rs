@@ -29,7 +29,7 @@ impl RenderSettings {
     /// [`Error::Usage`] with the value that is out of its range: a camera that does not exist; a size of 0 or above
     /// [`MAX_SIDE`]; a crop window that is empty or outside of the picture; counts of 0; limits and goals that are not
     /// positive and finite; a pilot's fraction out of (0, 1); `second-order` without `spp`; a lens without an opening; a
-    /// part that does not exist; groups of lights that overlap or match nothing.
+    /// part that does not exist.
     pub fn validate(&self, scene: &Scene) -> Result<()> {
         let Self { camera, width, height, pilot, .. } = *self;
         let cameras = scene.cameras.len();
@@ -62,7 +62,6 @@ impl RenderSettings {
         check(self.part.is_none_or(|part| (1..=part.of).contains(&part.number)), || {
             format!("part {} does not exist", self.part.map_or(String::new(), |part| part.to_string()))
         })?;
-        self.light_groups.as_ref().map_or(Ok(()), |groups| groups.table(scene).map(drop))?;
         self.lens.map_or(Ok(()), |lens| lens.validate())
     }
 }

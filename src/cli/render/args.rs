@@ -290,7 +290,8 @@ pub struct RenderArgs {
     /// Hide the environment from the camera and write alpha. The environment still lights the scene.
     #[arg(long, help_heading = "Output")]
     pub transparent: bool,
-    /// Add a denoised layer `denoised`, and show it in the PNG. The beauty stays unchanged.
+    /// Add a denoised layer `denoised`, and show it in the PNG; layers of lights get a `denoised_NAME` each. The beauty stays
+    /// unchanged.
     #[arg(long, value_parser = value_of::<Denoise>(), conflicts_with = "part", help_heading = "Output")]
     pub denoise: Option<Denoise>,
     /// Also write a picture to look at: .png, .jpg, or lossless .webp.
@@ -358,14 +359,12 @@ impl RenderArgs {
         })
     }
 
-    /// AOVs to write, in the order of [`Aov`]. A method that needs a goal reweights its pilot's light after the light
-    /// sources are forgotten, so `lights` is left out; `velocity` needs a time.
+    /// AOVs to write, in the order of [`Aov`]; `velocity` needs a time.
     fn aovs(&self) -> Vec<Aov> {
         let mut aovs = self.aov.0.clone();
         aovs.extend(self.light_groups.iter().map(|_| Aov::Lights));
         aovs.sort();
         aovs.dedup();
-        aovs.retain(|aov| *aov != Aov::Lights || !self.balance.method().needs_goal());
         aovs.retain(|aov| *aov != Aov::Velocity || self.is_posed());
         aovs
     }
@@ -407,8 +406,7 @@ impl RenderArgs {
             },
             filter: self.filter,
             aovs: aovs.iter().any(|a| a.needs_sums()),
-            extras: self.denoise.is_some()
-                || aovs.iter().any(|a| a.needs_extras() && (*a != Aov::Lights || self.light_groups.is_none())),
+            extras: self.denoise.is_some() || aovs.iter().any(|a| a.needs_extras()),
             clamp_direct: self.clamp_direct,
             clamp_indirect: self.clamp_indirect,
             transparent: self.transparent || self.ground == Ground::Shadow,
@@ -418,7 +416,7 @@ impl RenderArgs {
             glass_shadows: self.glass_shadows,
             reuse_sizes: self.techniques.reuse_sizes,
             ground: self.ground,
-            light_groups: self.light_groups.clone(),
+            light_groups: self.light_groups.clone().or_else(|| aovs.contains(&Aov::Lights).then(LightGroups::kinds)),
             part: self.part_flag.map(|flag| flag.part),
             ..RenderSettings::default()
         };
@@ -611,13 +609,6 @@ impl RenderArgs {
         if self.spp.is_none() {
             return Err(Error::Usage(format!(
                 "--balance {name} needs --spp: its pilot is a share of all samples, so their number must be known in advance"
-            )));
-        }
-        if self.light_groups.is_some() || !self.has_all_aovs() && self.aov.0.contains(&Aov::Lights) {
-            let flag = if self.light_groups.is_some() { "--light-groups" } else { "--aov lights" };
-            return Err(Error::Usage(format!(
-                "{flag}: --balance {name} reweights its pilot's light after the light sources are forgotten; choose \
-                 another --balance"
             )));
         }
         Ok(())

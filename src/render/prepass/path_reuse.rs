@@ -10,7 +10,7 @@ use tracing::{debug, warn};
 use super::super::RenderSettings;
 use super::super::decisions::TechniqueStats;
 use super::super::techniques::{Choice, Technique};
-use super::super::tile::{TILE, Tile};
+use super::super::tile::{Columns, TILE, Tile};
 use super::comparison::{error, spread};
 use super::effort;
 use super::rounds::Decided;
@@ -145,7 +145,7 @@ fn errors(transport: &Transport, settings: &RenderSettings, position: [u32; 2], 
         let seed = hash(settings.seed ^ hash(0x7265_7573 + number));
         let transport =
             Transport { seed, proposal: Proposal { reuse: way, ..transport.proposal }, ..transport.clone() };
-        let mut tile = Tile::new(position, width, height, settings.columns());
+        let mut tile = Tile::new(position, width, height, Columns { groups: 0, ..settings.columns() });
         let counts = tile.pass(&transport, settings, PATHS, false).counts;
         let cost = counts.rays() as f64 - (1.0 - SHARED_RAY_COST) * counts.shared_rays as f64;
         (tile.stats.iter().map(|stats| stats.mean()).collect::<Vec<_>>(), cost)

@@ -142,24 +142,17 @@ impl Aov {
 
     /// Whether it needs [`AovSums`].
     pub fn needs_sums(self) -> bool {
-        !matches!(self, Aov::Variance | Aov::Samples | Aov::Balance) && !self.needs_extras()
+        !matches!(self, Aov::Variance | Aov::Samples | Aov::Balance | Aov::Lights) && !self.needs_extras()
     }
 
     /// Whether it needs [`ExtraSums`].
     pub fn needs_extras(self) -> bool {
-        use Aov::{CryptoMaterial, CryptoObject, Emission, GuideAlbedo, GuideNormal, Lights, Position, Uv, Velocity};
-        matches!(
-            self,
-            Position | Uv | Emission | GuideAlbedo | GuideNormal | Lights | Velocity | CryptoObject | CryptoMaterial
-        )
+        use Aov::{CryptoMaterial, CryptoObject, Emission, GuideAlbedo, GuideNormal, Position, Uv, Velocity};
+        matches!(self, Position | Uv | Emission | GuideAlbedo | GuideNormal | Velocity | CryptoObject | CryptoMaterial)
     }
 
-    /// Its channels; empty if it needs sums that do not exist. `groups` are the names of groups of lights.
+    /// Its channels; empty if it needs sums that do not exist. `groups` are the names of groups or kinds of lights.
     pub fn channels(self, with_sums: bool, with_extras: bool, groups: &[String]) -> Vec<Channel> {
-        if self == Aov::Lights && !groups.is_empty() {
-            let of = |(i, name)| layer(&format!("light_{name}."), "RGB", Value::Light(i));
-            return groups.iter().enumerate().flat_map(of).collect();
-        }
         if (self.needs_sums() && !with_sums) || (self.needs_extras() && !with_extras) {
             return Vec::new();
         }
@@ -180,14 +173,8 @@ impl Aov {
             Aov::GuideAlbedo => ("guide_albedo.", "RGB", Value::ExtraColor(|p, e, c| mean(p, e.guide_albedo[c]))),
             Aov::GuideNormal => ("guide_normal.", "XYZ", Value::ExtraColor(|p, e, c| mean(p, e.guide_normal[c]))),
             Aov::Lights => {
-                let [environment, surfaces, punctual]: [ExtraComponent; 3] = [
-                    |p, e, c| mean(p, e.lights[0][c]),
-                    |p, e, c| mean(p, e.lights[1][c]),
-                    |p, e, c| mean(p, e.lights[2][c]),
-                ];
-                let all =
-                    [("light_environment.", environment), ("light_surfaces.", surfaces), ("light_punctual.", punctual)];
-                return all.into_iter().flat_map(|(name, f)| layer(name, "RGB", Value::ExtraColor(f))).collect();
+                let of = |(i, name)| layer(&format!("light_{name}."), "RGB", Value::Light(i));
+                return groups.iter().enumerate().flat_map(of).collect();
             }
             Aov::Velocity => {
                 let [to_next, to_previous]: [ExtraComponent; 2] =

@@ -5,13 +5,17 @@ use std::ptr;
 
 use libloading::Library;
 
-use super::pixels::Pixels;
+use super::aov::Aov;
+use super::pixels::{Pixels, positions};
 use crate::{Error, Result};
 
 /// The environment variable with the path of the library.
 const VARIABLE: &str = "BISMAR_OIDN";
 /// File names of the library on common systems, newest first.
 const NAMES: [&str; 3] = ["libOpenImageDenoise.so.2", "libOpenImageDenoise.so.1", "libOpenImageDenoise.so"];
+
+/// Layer of the denoised beauty.
+pub const DENOISED: &str = "denoised";
 
 /// Pictures for the denoiser, row by row: the beauty and its guides.
 #[derive(Debug, Clone, Copy)]
@@ -152,9 +156,9 @@ pub struct NoisyPicture {
 impl NoisyPicture {
     /// The beauty and guides of `pixels`, which must have extra sums.
     pub fn of(pixels: &dyn Pixels) -> Self {
-        let [x0, y0, x1, y1] = pixels.window();
+        let [x0, _, x1, _] = pixels.window();
         let [mut color, mut albedo, mut normal] = [Vec::new(), Vec::new(), Vec::new()];
-        for (x, y) in (y0..y1).flat_map(|y| (x0..x1).map(move |x| (x, y))) {
+        for (x, y) in positions(pixels) {
             let (stats, extras) = (pixels.at(x, y).0, pixels.extras(x, y).unwrap_or_default());
             let n = stats.samples.max(1) as f32;
             color.push(stats.mean());
@@ -174,10 +178,35 @@ impl NoisyPicture {
     }
 }
 
-/// The denoised beauty, linear RGB row by row, guided by albedo and normals. `pixels` must have extra sums.
+/// The denoised beauty, `denoised`, and layers of lights, `denoised_NAME`, which add up to it: their names and colours, linear RGB
+/// row by row. All are guided by albedo and normals. `pixels` must have extra sums. `denoise` is called for one after the other.
+///
+/// What the layers lack of the denoised beauty is shared among them in proportion: no layer gets light that it has not, and the
+/// beauty is that of a picture without layers.
 ///
 /// # Errors
-/// Those of [`Denoiser::denoise`].
-pub fn denoised(denoiser: &Denoiser, pixels: &dyn Pixels) -> Result<Vec<[f32; 3]>> {
-    NoisyPicture::of(pixels).denoised(denoiser)
+/// Those of `denoise`.
+pub fn denoised_layers(
+    pixels: &dyn Pixels,
+    mut denoise: impl FnMut(&NoisyPicture) -> Result<Vec<[f32; 3]>>,
+) -> Result<Vec<(String, Vec<[f32; 3]>)>> {
+    let mut picture = NoisyPicture::of(pixels);
+    let mut layers = vec![(DENOISED.to_owned(), denoise(&picture)?)];
+    for (i, name) in pixels.light_groups().iter().enumerate() {
+        let channels = Aov::Lights.channels(false, false, pixels.light_groups());
+        let value = |c: usize, (x, y)| channels[3 * i + c].float(pixels, x, y);
+        picture.images[0] = positions(pixels).map(|at| [0, 1, 2].map(|c| value(c, at))).collect();
+        layers.push((format!("{DENOISED}_{name}"), denoise(&picture)?));
+    }
+    if let [(_, beauty), lights @ ..] = &mut layers[..] {
+        for (i, whole) in beauty.iter().enumerate() {
+            for c in 0..3 {
+                let sum: f32 = lights.iter().map(|(_, light)| light[i][c]).sum();
+                let (whole, equal) = (whole[c], whole[c] / lights.len() as f32);
+                let shared = |light: f32| if sum > 0.0 { light / sum * whole } else { equal };
+                lights.iter_mut().for_each(|(_, light)| light[i][c] = shared(light[i][c]));
+            }
+        }
+    }
+    Ok(layers)
 }

@@ -22,7 +22,6 @@ pub mod stats;
 pub mod view;
 
 pub use aov::Aov;
-pub use denoise::denoised;
 pub use exposure::Exposure;
 pub use lut::{Lut, LutInput};
 pub use picture::Picture;

@@ -17,11 +17,19 @@ impl Picture {
     /// # Errors
     /// [`Error::reading`] for a file that cannot be read; [`Error::Data`] for one that is no such picture or lacks the layer.
     pub fn open(path: &Path, layer: Option<&str>) -> Result<Self> {
+        Self::open_all(path, &[layer]).map(|mut all| all.remove(0))
+    }
+
+    /// Reads layers of a file as [`open`](Self::open) reads one.
+    ///
+    /// # Errors
+    /// Those of [`open`](Self::open).
+    pub fn open_all(path: &Path, layers: &[Option<&str>]) -> Result<Vec<Self>> {
         let bytes = exr_file::bytes_of(path)?;
         let refused = |why: String| Error::Data(format!("{}: {why}", path.display()));
         let format = match bytes.get(..4) {
             Some([0x76, 0x2F, 0x31, 0x01]) => {
-                return exr_file::layer(&bytes, layer)
+                return exr_file::layers(&bytes, layers)
                     .map_err(|why| refused(format!("cannot use this OpenEXR file: {why}")));
             }
             Some([b'#', b'?', ..]) => None,
@@ -29,26 +37,25 @@ impl Picture {
             Some([0xFF, 0xD8, 0xFF, _]) => Some(ImageFormat::Jpeg),
             _ => return Err(refused("cannot use this OpenEXR file: it is none, nor Radiance HDR, PNG or JPEG".into())),
         };
-        if let Some(layer) = layer {
+        if let Some(layer) = layers.iter().flatten().next() {
             return Err(refused(format!("has no layers, so no '{layer}': only OpenEXR files have")));
         }
-        let Some(format) = format else {
-            let picture = radiance::decode(&bytes, |_, _| Ok(()));
-            let (width, height, rgb) = picture.map_err(|e| refused(format!("cannot use this picture: {e}")))?;
-            let window = [0, 0, width.into(), height.into()];
-            return Ok(Self {
-                window,
-                display: window,
-                rgb,
-                variance: None,
-                alpha: None,
-                displayed: false,
-                related: 1.0,
-            });
+        let picture = match format {
+            None => Self::of_radiance(&bytes),
+            Some(format) => ImageReader::with_format(Cursor::new(&bytes), format)
+                .decode()
+                .map(Self::of_image)
+                .map_err(|e| e.to_string()),
         };
-        let decoded = ImageReader::with_format(Cursor::new(&bytes), format).decode();
-        let image = decoded.map_err(|e| refused(format!("cannot use this picture: {e}")))?;
-        Ok(Self::of_image(image))
+        let picture = picture.map_err(|e| refused(format!("cannot use this picture: {e}")))?;
+        Ok(vec![picture; layers.len()])
+    }
+
+    fn of_radiance(bytes: &[u8]) -> std::result::Result<Self, String> {
+        let (width, height, rgb) = radiance::decode(bytes, |_, _| Ok(()))?;
+        let window = [0, 0, width.into(), height.into()];
+        let (variance, alpha) = (None, None);
+        Ok(Self { window, display: window, rgb, variance, alpha, displayed: false, related: 1.0 })
     }
 
     fn of_image(image: DynamicImage) -> Self {

@@ -34,7 +34,7 @@ pub trait Pixels: Sync {
         None
     }
 
-    /// Names of the groups of lights that are asked for.
+    /// Names of the groups or kinds of lights that divide the beauty; empty if it is not divided.
     fn light_groups(&self) -> &[String] {
         &[]
     }
@@ -56,10 +56,16 @@ pub trait Pixels: Sync {
     fn at(&self, x: u32, y: u32) -> (PixelStats, AovSums);
 }
 
+/// The positions of the window's pixels, row by row.
+pub fn positions(pixels: &dyn Pixels) -> impl Iterator<Item = (u32, u32)> + use<> {
+    let [x0, y0, x1, y1] = pixels.window();
+    (y0..y1).flat_map(move |y| (x0..x1).map(move |x| (x, y)))
+}
+
 /// Width of the window in pixels, and the pixels' mean radiance (linear RGB), row by row.
 pub fn colors(pixels: &dyn Pixels) -> (usize, impl Iterator<Item = [f32; 3]>) {
-    let [x0, y0, x1, y1] = pixels.window();
-    ((x1 - x0) as usize, (y0..y1).flat_map(move |y| (x0..x1).map(move |x| pixels.at(x, y).0.mean())))
+    let [x0, _, x1, _] = pixels.window();
+    ((x1 - x0) as usize, positions(pixels).map(|(x, y)| pixels.at(x, y).0.mean()))
 }
 
 /// The statistics of a picture's window, row by row.
@@ -82,10 +88,8 @@ pub struct Film {
 impl Film {
     /// Copies pixels.
     pub fn of(pixels: &dyn Pixels) -> Self {
-        let window @ [x0, y0, x1, y1] = pixels.window();
-        let [width, height] = pixels.size();
-        let positions = (y0..y1).flat_map(|y| (x0..x1).map(move |x| (x, y)));
-        let (stats, mut aovs): (Vec<_>, Vec<_>) = positions.map(|(x, y)| pixels.at(x, y)).unzip();
+        let (window, [width, height]) = (pixels.window(), pixels.size());
+        let (stats, mut aovs): (Vec<_>, Vec<_>) = positions(pixels).map(|(x, y)| pixels.at(x, y)).unzip();
         if !pixels.has_aovs() {
             aovs = Vec::new();
         }

@@ -101,8 +101,6 @@ pub struct ExtraSums {
     pub guide_albedo: [f32; 3],
     /// Unit normal of the same surface.
     pub guide_normal: [f32; 3],
-    /// Radiance by its source: environment, emissive surfaces, punctual lights.
-    pub lights: [[f32; 3]; 3],
     /// Cryptomatte of the objects at first hits.
     pub objects: Matte,
     /// Cryptomatte of the materials at first hits.
@@ -113,6 +111,7 @@ pub struct ExtraSums {
 }
 
 /// Adds a colour to a sum.
+#[inline]
 pub fn accumulate(sum: &mut [f32; 3], more: [f32; 3]) {
     sum.iter_mut().zip(more).for_each(|(sum, more)| *sum += more);
 }
@@ -140,17 +139,6 @@ impl ExtraSums {
         self.velocity.iter_mut().zip(more).for_each(|(sum, more)| *sum += more);
     }
 
-    /// Adds radiance of unknown source to all sources, in proportion to their sums.
-    #[inline]
-    pub fn share_light(&mut self, more: Vec3) {
-        for c in 0..3 {
-            let all: f32 = self.lights.iter().map(|light| light[c]).sum();
-            if all > 0.0 {
-                self.lights.iter_mut().for_each(|light| light[c] *= (all + more[c]) / all);
-            }
-        }
-    }
-
     /// Adds base colour and normal for the denoiser.
     #[inline]
     pub fn add_guide(&mut self, albedo: Vec3, normal: Vec3) {
@@ -165,7 +153,6 @@ impl ExtraSums {
         accumulate(&mut self.guide_albedo, other.guide_albedo);
         accumulate(&mut self.guide_normal, other.guide_normal);
         self.uv.iter_mut().zip(other.uv).for_each(|(sum, more)| *sum += more);
-        self.lights.iter_mut().zip(other.lights).for_each(|(sum, more)| accumulate(sum, more));
         self.velocity.iter_mut().zip(other.velocity).for_each(|(sum, more)| *sum += more);
         self.objects.join(&other.objects);
         self.materials.join(&other.materials);

@@ -88,21 +88,22 @@ impl ClearSky {
     }
 
     /// Irradiance of the sun on a surface that faces it, linear RGB, by optical depths that were fitted to the sun of Mitsuba's
-    /// `sunsky`: within 4 % above 7 degrees. The relative air mass is that of Kasten and Young 1989.
+    /// `sunsky`: within 2.5 % from 5 degrees on. The relative air mass is that of Kasten and Young 1989.
     fn sun_irradiance(&self) -> Vec3 {
         let air_mass = 1.0 / (self.elevation.sin() + 0.50572 * (self.elevation.to_degrees() + 6.07995).powf(-1.6364));
         let below = (self.turbidity as usize - 1).min(HAZE.len() - 2);
         let haze = HAZE[below] + (HAZE[below + 1] - HAZE[below]) * (self.turbidity - 1.0 - below as f32);
-        let air = Vec3::from_array(AIR.map(|[depth, power]| depth * air_mass.powf(power)));
-        SUN_ABOVE_AIR * (-air - HAZE_COLOR * haze * air_mass.powf(1.0523)).exp()
+        let log = air_mass.ln();
+        let depth = |of: [[f32; 3]; 3]| Vec3::from_array(of.map(|[depth, p, q]| depth * (log * (p + q * log)).exp()));
+        SUN_ABOVE_AIR * (-depth(AIR) - depth(HAZE_COLOR) * haze).exp()
     }
 }
 
 /// Irradiance of the sun above the air.
-const SUN_ABOVE_AIR: Vec3 = Vec3::new(1.6264, 1.4942, 1.3501);
-/// Optical depths of air at the zenith, and the powers of the air mass by which they grow.
-const AIR: [[f32; 2]; 3] = [[0.0476, 1.1358], [0.1272, 1.0189], [0.2656, 1.0748]];
-/// Optical depths of haze at the zenith, relative to those of red light.
-const HAZE_COLOR: Vec3 = Vec3::new(1.0, 1.0965, 1.044);
-/// Those of red light, by turbidities from 1 to 10.
-const HAZE: [f32; 10] = [0.0, 0.0089, 0.0235, 0.0477, 0.0738, 0.0927, 0.1239, 0.1754, 0.2603, 0.4005];
+const SUN_ABOVE_AIR: Vec3 = Vec3::new(1.8703, 1.5809, 2.0201);
+/// Optical depths of air at the zenith, and p and q: at an air mass m they are m^(p + q ln m) times as much.
+const AIR: [[f32; 3]; 3] = [[0.1751, 0.4412, 0.0864], [0.1691, 0.9001, 0.0021], [0.6541, 0.4934, 0.1051]];
+/// The same of haze, relative to red light at the zenith.
+const HAZE_COLOR: [[f32; 3]; 3] = [[1.0, 0.8933, 0.0591], [1.1081, 0.8846, 0.0601], [1.0354, 0.9221, 0.0465]];
+/// Optical depths of haze for red light at the zenith, by turbidities from 1 to 10.
+const HAZE: [f32; 10] = [0.0, 0.0094, 0.0252, 0.0512, 0.0794, 0.1, 0.134, 0.19, 0.2826, 0.4354];

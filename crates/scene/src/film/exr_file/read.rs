@@ -37,7 +37,7 @@ pub fn read(path: &Path) -> Outcome<Picture> {
 /// # Errors
 /// The defect, as a part of a sentence.
 pub fn picture(bytes: &[u8], fits: &Fits) -> std::result::Result<Picture, String> {
-    guarded(|| decode(bytes, None, fits))
+    guarded(|| decode(bytes, &[None], fits)).map(|mut all| all.remove(0))
 }
 
 /// Width and height of the largest window in pixels, by the head of a file's bytes; `None` for a head that cannot be read.
@@ -56,13 +56,13 @@ pub fn size(bytes: &[u8]) -> Option<(u64, u64)> {
     largest
 }
 
-/// Reads a layer from the bytes of a file: its R, G and B, its X, Y and Z, or its only channel three times; or a channel by its
-/// full name. `None` is the beauty.
+/// Reads layers from the bytes of a file: of each its R, G and B, its X, Y and Z, or its only channel three times; or a channel
+/// by its full name. `None` is the beauty.
 ///
 /// # Errors
 /// The defect, as a part of a sentence.
-pub fn layer(bytes: &[u8], layer: Option<&str>) -> std::result::Result<Picture, String> {
-    guarded(|| decode(bytes, layer, &|_, _| Ok(())))
+pub fn layers(bytes: &[u8], layers: &[Option<&str>]) -> std::result::Result<Vec<Picture>, String> {
+    guarded(|| decode(bytes, layers, &|_, _| Ok(())))
 }
 
 /// Returns an error if a picture of this width and height is too large.
@@ -208,46 +208,78 @@ pub(super) fn guarded<T>(decode: impl FnOnce() -> Result<T>) -> std::result::Res
     guard::guarded("it is corrupt", decode)
 }
 
-fn decode(bytes: &[u8], layer: Option<&str>, fits: &Fits) -> Result<Picture> {
-    let chunks = checked(bytes)?;
-    let headers = chunks.headers();
-    let wanted = |header: &ExrHeader| match layer {
-        _ if header.deep => None,
-        None => ["R", "G", "B"].map(|c| color_prefix(&names(header)).map(|prefix| prefix + c)).into_iter().collect(),
-        Some(layer) => layer_channels(&names(header), layer),
-    };
-    let found = headers.iter().enumerate().find_map(|(i, h)| Some((i, wanted(h)?)));
-    let Some((part, colors)) = found.filter(|(_, colors): &(_, Vec<String>)| colors.len() == 3) else {
-        let names = headers.iter().flat_map(names).collect::<Vec<_>>();
-        let wanted = layer.map_or("channels R, G and B".into(), |layer| format!("layer '{layer}'"));
-        return Err(invalid(format!("it has no {wanted} but {}", names.join(", "))));
-    };
-    let header = headers[part].clone();
-    let (width, height) = (header.layer_size.0, header.layer_size.1);
-    fits(width as u64, height as u64).map_err(invalid)?;
-    let full = |names: &[String]| names.iter().map(|name| full_channel(&header, name)).collect::<Option<Vec<_>>>();
-    let three = |names: &[String]| full(names).and_then(|all| <[usize; 3]>::try_from(all).ok());
-    let color = three(&colors).ok_or_else(|| invalid("its colour channels are subsampled"))?;
-    let beauty = |name: &str| layer.is_none().then(|| name.to_owned());
-    let variance = beauty("variance.").and_then(|v| three(&["R", "G", "B"].map(|c| format!("{v}{c}"))));
-    let alpha = beauty(colors[0].trim_end_matches('R')).and_then(|prefix| full_channel(&header, &(prefix + "A")));
-    let black = || vec![[0.0; 3]; width * height];
-    let mut picture = Picture {
-        window: window_of(header.own_attributes.layer_position, header.layer_size),
-        display: window_of(
-            header.shared_attributes.display_window.position,
-            header.shared_attributes.display_window.size,
-        ),
-        rgb: black(),
-        variance: variance.map(|_| black()),
-        alpha: alpha.map(|_| vec![0.0; width * height]),
-        displayed: false,
-        related: match attribute(&header, RELATED) {
-            Some(AttributeValue::F64(related)) if *related >= 1.0 && related.is_finite() => *related,
-            _ => 1.0,
-        },
-    };
-    each_block(chunks, part, |block| {
+fn decode(bytes: &[u8], layers: &[Option<&str>], fits: &Fits) -> Result<Vec<Picture>> {
+    let headers = checked(bytes)?.headers().to_vec();
+    let mut all = layers.iter().map(|layer| Decoded::new(&headers, *layer, fits)).collect::<Result<Vec<_>>>()?;
+    for part in 0..headers.len() {
+        let mut wanted = all.iter_mut().filter(|own| own.part == part).collect::<Vec<_>>();
+        if !wanted.is_empty() {
+            each_block(checked(bytes)?, part, |block| wanted.iter_mut().try_for_each(|own| own.put(&block)))?;
+        }
+    }
+    Ok(all.into_iter().zip(layers).map(|(own, layer)| own.converted(*layer)).collect())
+}
+
+/// A layer while it is read.
+struct Decoded {
+    /// Index and header of its part.
+    part: usize,
+    header: ExrHeader,
+    /// Names and indices of its channels.
+    names: Vec<String>,
+    color: [usize; 3],
+    alpha: Option<usize>,
+    variance: Option<[usize; 3]>,
+    picture: Picture,
+}
+
+impl Decoded {
+    fn new(headers: &[ExrHeader], layer: Option<&str>, fits: &Fits) -> Result<Self> {
+        let wanted = |header: &ExrHeader| match layer {
+            _ if header.deep => None,
+            None => {
+                ["R", "G", "B"].map(|c| color_prefix(&names(header)).map(|prefix| prefix + c)).into_iter().collect()
+            }
+            Some(layer) => layer_channels(&names(header), layer),
+        };
+        let found = headers.iter().enumerate().find_map(|(i, h)| Some((i, wanted(h)?)));
+        let Some((part, colors)) = found.filter(|(_, colors): &(_, Vec<String>)| colors.len() == 3) else {
+            let names = headers.iter().flat_map(names).collect::<Vec<_>>();
+            let wanted = layer.map_or("channels R, G and B".into(), |layer| format!("layer '{layer}'"));
+            return Err(invalid(format!("it has no {wanted} but {}", names.join(", "))));
+        };
+        let header = headers[part].clone();
+        let (width, height) = (header.layer_size.0, header.layer_size.1);
+        fits(width as u64, height as u64).map_err(invalid)?;
+        let full = |names: &[String]| names.iter().map(|name| full_channel(&header, name)).collect::<Option<Vec<_>>>();
+        let three = |names: &[String]| full(names).and_then(|all| <[usize; 3]>::try_from(all).ok());
+        let color = three(&colors).ok_or_else(|| invalid("its colour channels are subsampled"))?;
+        let beauty = |name: &str| layer.is_none().then(|| name.to_owned());
+        let variance = beauty("variance.").and_then(|v| three(&["R", "G", "B"].map(|c| format!("{v}{c}"))));
+        let alpha = beauty(colors[0].trim_end_matches('R')).and_then(|prefix| full_channel(&header, &(prefix + "A")));
+        let black = || vec![[0.0; 3]; width * height];
+        let picture = Picture {
+            window: window_of(header.own_attributes.layer_position, header.layer_size),
+            display: window_of(
+                header.shared_attributes.display_window.position,
+                header.shared_attributes.display_window.size,
+            ),
+            rgb: black(),
+            variance: variance.map(|_| black()),
+            alpha: alpha.map(|_| vec![0.0; width * height]),
+            displayed: false,
+            related: match attribute(&header, RELATED) {
+                Some(AttributeValue::F64(related)) if *related >= 1.0 && related.is_finite() => *related,
+                _ => 1.0,
+            },
+        };
+        Ok(Self { part, header, names: colors, color, alpha, variance, picture })
+    }
+
+    /// Takes what a block has of its channels.
+    fn put(&mut self, block: &UncompressedBlock) -> Result<()> {
+        let Self { header, color, alpha, variance, picture, .. } = self;
+        let width = header.layer_size.0;
         for line in block.lines(&header.channels) {
             let channel = line.location.channel;
             let (Vec2(x, y), kind) = (line.location.position, header.channels.list[channel].sample_type);
@@ -260,33 +292,38 @@ fn decode(bytes: &[u8], layer: Option<&str>, fits: &Fits) -> Result<Picture> {
                 }
                 Ok(())
             };
-            put(color, &mut picture.rgb)?;
+            put(*color, &mut picture.rgb)?;
             if let (Some(_), Some(pixels)) = (alpha.filter(|own| *own == channel), &mut picture.alpha) {
                 let row = pixels.get_mut(range.clone()).ok_or_else(beyond)?;
                 read_line(&line, kind, |i, value| row[i] = value)?;
             }
-            if let (Some(channels), Some(pixels)) = (variance, &mut picture.variance) {
+            if let (Some(channels), Some(pixels)) = (*variance, &mut picture.variance) {
                 put(channels, pixels)?;
             }
         }
         Ok(())
-    })?;
-    let is_rgb = colors.iter().zip(["R", "G", "B"]).all(|(name, letter)| name.ends_with(letter));
-    let plain_variance = attribute(&header, VARIANCE).is_some();
-    let is_rgb = is_rgb && !(plain_variance && layer == Some("variance"));
-    if let Some(c) = header.shared_attributes.chromaticities.filter(|_| is_rgb) {
-        let points = [c.red, c.green, c.blue, c.white].map(|Vec2(x, y)| [x, y]);
-        match color::rec709_from_rgb(points.as_flattened().try_into().expect("four points")) {
-            Some(matrix) if matrix == Mat3::IDENTITY => {}
-            Some(matrix) => {
-                let kept = picture.variance.take_if(|_| plain_variance);
-                picture.transform(matrix);
-                picture.variance = kept.or(picture.variance);
-            }
-            None => tracing::warn!("chromaticities {points:?} are no colour space's: read as those of Rec. 709"),
-        }
     }
-    Ok(picture)
+
+    /// The picture in Rec. 709.
+    fn converted(self, layer: Option<&str>) -> Picture {
+        let Self { header, names, mut picture, .. } = self;
+        let is_rgb = names.iter().zip(["R", "G", "B"]).all(|(name, letter)| name.ends_with(letter));
+        let plain_variance = attribute(&header, VARIANCE).is_some();
+        let is_rgb = is_rgb && !(plain_variance && layer == Some("variance"));
+        if let Some(c) = header.shared_attributes.chromaticities.filter(|_| is_rgb) {
+            let points = [c.red, c.green, c.blue, c.white].map(|Vec2(x, y)| [x, y]);
+            match color::rec709_from_rgb(points.as_flattened().try_into().expect("four points")) {
+                Some(matrix) if matrix == Mat3::IDENTITY => {}
+                Some(matrix) => {
+                    let kept = picture.variance.take_if(|_| plain_variance);
+                    picture.transform(matrix);
+                    picture.variance = kept.or(picture.variance);
+                }
+                None => tracing::warn!("chromaticities {points:?} are no colour space's: read as those of Rec. 709"),
+            }
+        }
+        picture
+    }
 }
 
 /// Opens a file and checks its attributes, sizes and counts.

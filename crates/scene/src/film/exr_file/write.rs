@@ -30,8 +30,8 @@ pub struct Layers<'a> {
     pub half: bool,
     /// Primaries of R, G and B of all layers but the variance, which `compare` needs as it is.
     pub colorspace: ColorSpace,
-    /// The layer `denoised`: linear RGB, row by row over the window.
-    pub denoised: Option<&'a [[f32; 3]]>,
+    /// Names of denoised layers, and their colours: linear RGB, row by row over the window.
+    pub denoised: &'a [(String, Vec<[f32; 3]>)],
 }
 
 impl<'a, const N: usize> From<&'a [Aov; N]> for Layers<'a> {
@@ -179,7 +179,7 @@ fn image_of<'a>(pixels: &'a dyn Pixels, layers: Layers<'a>, header: &Header) -> 
         own.other.insert(text(name), value);
     }
     let size = Vec2((x1 - x0) as usize, (y1 - y0) as usize);
-    let denoised = layers.denoised.into_iter().flat_map(|rgb| {
+    let denoised = layers.denoised.iter().flat_map(|(name, rgb)| {
         ["R", "G", "B"].into_iter().enumerate().map(move |(c, letter)| {
             let value = move |x: usize, y: usize| {
                 let color = rgb[y * size.0 + x];
@@ -189,7 +189,7 @@ fn image_of<'a>(pixels: &'a dyn Pixels, layers: Layers<'a>, header: &Header) -> 
                 true => Samples::Half(Box::new(move |x, y| half(value(x, y)))),
                 false => Samples::Float(Box::new(value)),
             };
-            AnyChannel::new(text(&format!("denoised.{letter}")), samples)
+            AnyChannel::new(text(&format!("{name}.{letter}")), samples)
         })
     });
     let layer = Layer::new(size, own, ENCODING, AnyChannels::sort(channels.chain(denoised).collect()));

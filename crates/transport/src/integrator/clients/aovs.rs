@@ -18,7 +18,8 @@ pub struct Aovs<'a> {
     pub sums: &'a mut [AovSums],
     /// Sums of further AOVs; empty if not requested.
     pub extras: &'a mut [ExtraSums],
-    /// By task and then by group, light of the groups that are asked for; empty without them.
+    /// By task and then by group or kind of lights ([`Transport::group`](crate::integrator::Transport::group)), their light; empty if
+    /// not requested.
     pub groups: &'a mut [[f32; 3]],
     /// The same of what BSDF samples find by way of further surfaces; empty if not requested.
     pub indirect: &'a mut [[f32; 3]],
@@ -32,10 +33,13 @@ pub struct AovColumns {
     /// By path, its radiance with at most one bounce: emission seen directly, and direct illumination. Empty without sums.
     direct: Vec<Vec3>,
     mirrors: MirrorChains,
+    /// Number of groups of lights.
+    groups: usize,
 }
 
 impl PathEvents for Aovs<'_> {
     fn begin(&mut self, at: &WaveContext) {
+        self.columns.groups = self.groups.len() / at.tasks.len().max(1);
         self.columns.direct.clear();
         self.columns.direct.resize(if self.sums.is_empty() { 0 } else { at.paths.len() }, Vec3::ZERO);
         self.columns.mirrors.begin(if self.extras.is_empty() { 0 } else { at.paths.len() });
@@ -74,7 +78,12 @@ impl PathEvents for Aovs<'_> {
 
     fn unoccluded(&mut self, at: &WaveContext, shadows: &ShadowRays, found: &UnoccludedLight) {
         let path = shadows.path[found.row];
-        self.add_light(at, path, (shadows.group(found.row), at.depth > 0), found.radiance);
+        self.add_light(
+            at,
+            path,
+            (at.transport.sampled_group(shadows.light(found.row)).into(), at.depth > 0),
+            found.radiance,
+        );
         if at.depth == 0 {
             self.add_direct(path, found.radiance);
         }
@@ -97,16 +106,11 @@ impl PathEvents for Aovs<'_> {
 impl Aovs<'_> {
     #[inline]
     fn add_light(&mut self, at: &WaveContext, path: u32, (group, is_indirect): (usize, bool), radiance: Vec3) {
-        let pixel = at.pixel(path);
-        let sum = match &at.transport.groups {
-            Some(table) => {
-                let indirect = self.indirect.get_mut(pixel * table.count + group).filter(|_| is_indirect);
-                indirect.into_iter().for_each(|sum| accumulate(sum, radiance.into()));
-                self.groups.get_mut(pixel * table.count + group)
-            }
-            None => self.extras.get_mut(pixel).map(|extras| &mut extras.lights[group]),
-        };
-        if let Some(sum) = sum {
+        let i = at.pixel(path) * self.columns.groups + group;
+        if let Some(sum) = self.groups.get_mut(i) {
+            accumulate(sum, radiance.into());
+        }
+        if let Some(sum) = self.indirect.get_mut(i).filter(|_| is_indirect) {
             accumulate(sum, radiance.into());
         }
     }

@@ -136,7 +136,7 @@ impl PathEvents for Contributions<'_> {
             if w[row] > 0.0 {
                 let (area, index, r) = (area[row] != 0, index[row], r[row]);
                 let (technique, w) = (Technique::Light, w[row] * scale * scale);
-                let group = shadows.group(row) as u8;
+                let group = at.transport.sampled_group(shadows.light(row));
                 let contribution = Contribution { pixel: 0, technique, area, group, index, r, w, radiance };
                 self.notify(at, shadows.path[row], contribution);
             }

@@ -1,7 +1,6 @@
 //! Kinds and groups of lights, by which layers divide the beauty.
 
 use crate::light::Lights;
-use crate::light::samples::SIZED;
 use crate::scene::Primitive;
 
 /// The kinds of light sources.
@@ -25,16 +24,21 @@ impl LightKind {
     pub const fn group(self) -> u8 {
         if matches!(self, Self::Sized) { Self::Punctual as u8 } else { self as u8 }
     }
+}
 
-    /// Itself and a group in one number.
-    pub const fn with(self, group: u8) -> u32 {
-        self as u32 | (group as u32) << 8
-    }
+/// A light that a light sample has chosen, in one number: its kind, and its index
+/// ([`LightSamples::emitter`](crate::light::LightSamples::emitter)).
+#[derive(Debug, Clone, Copy)]
+pub struct LightNumber(pub u32);
 
-    /// The kind and the group of such a number.
+impl LightNumber {
+    /// Bits of the kind.
+    pub const BITS: i32 = 2;
+
+    /// Its kind.
     #[inline]
-    pub fn split(number: u32) -> (Self, u8) {
-        (Self::ALL[number as usize & 3], (number >> 8) as u8)
+    pub fn kind(self) -> LightKind {
+        LightKind::ALL[self.0 as usize & 3]
     }
 }
 
@@ -44,8 +48,8 @@ pub const MAX_GROUPS: usize = 9;
 /// The number of the group of each light of a scene.
 #[derive(Debug, Default)]
 pub struct LightGroupTable {
-    /// Number of groups.
-    pub count: usize,
+    /// By group: has it a light?
+    pub is_used: Vec<bool>,
     /// That of the environment.
     pub environment: u8,
     /// By index in [`Scene::lights`](crate::scene::Scene::lights).
@@ -74,15 +78,14 @@ impl LightGroupTable {
         self.surface([hit.instance, hit.mesh])
     }
 
-    /// Of the light of this kind that a light sample has chosen ([`LightSamples::emitter`](crate::light::LightSamples::emitter)).
+    /// Of a light that a light sample has chosen.
     #[inline]
-    pub fn sampled(&self, kind: LightKind, emitter: u32) -> u8 {
-        let of = |groups: &[u8], index: u32| groups.get(index as usize).copied().unwrap_or(0);
-        match kind {
-            LightKind::Environment => self.environment,
-            LightKind::Area => of(&self.area, emitter),
-            LightKind::Punctual => of(&self.punctual, emitter),
-            LightKind::Sized => of(&self.punctual, emitter ^ SIZED),
-        }
+    pub fn sampled(&self, light: LightNumber) -> u8 {
+        let groups = match light.kind() {
+            LightKind::Environment => return self.environment,
+            LightKind::Area => &self.area,
+            LightKind::Punctual | LightKind::Sized => &self.punctual,
+        };
+        groups.get((light.0 >> LightNumber::BITS) as usize).copied().unwrap_or(0)
     }
 }

@@ -1,7 +1,7 @@
 //! The queues between stages, as structure of arrays: path rays, sorted hits, shadow rays.
 
 use super::history::RayHistory;
-pub use super::light_groups::LightKind;
+pub use super::light_groups::{LightKind, LightNumber};
 use crate::lanes::{F, Survivors, U, V3, V3Column, grow, store, store_bits};
 use crate::rays::RayBatch;
 
@@ -138,8 +138,8 @@ pub struct ShadowRays {
     pub path: Vec<u32>,
     /// Number in the wave of the ray that arrived at the vertex.
     pub ray: Vec<u32>,
-    /// [`LightKind::with`] its group.
-    kind: Vec<u32>,
+    /// [`LightNumber`].
+    light: Vec<u32>,
     /// Are the rays occluded?
     pub occluded: Vec<bool>,
     /// Columns for shadow rays that pass bodies of glass; present if they do.
@@ -155,7 +155,7 @@ impl ShadowRays {
     pub fn open(&mut self, capacity: usize, moves: bool) {
         self.rays.open(capacity, moves);
         self.radiance.grow(capacity);
-        for column in [&mut self.path, &mut self.ray, &mut self.kind] {
+        for column in [&mut self.path, &mut self.ray, &mut self.light] {
             grow(column, capacity);
         }
         if let Some(BodyColumns { passes, medium }) = &mut self.bodies {
@@ -176,7 +176,7 @@ impl ShadowRays {
         }
     }
 
-    /// Appends the survivors of a group: rays of length `tfar`, contribution, path, arriving ray and [`LightKind::with`]. `key` and
+    /// Appends the survivors of a group: rays of length `tfar`, contribution, path, arriving ray and [`LightNumber`]. `key` and
     /// `time` are those of [`RayBatch`].
     #[inline(always)]
     #[allow(clippy::too_many_arguments, reason = "a row's columns")]
@@ -187,7 +187,7 @@ impl ShadowRays {
         tfar: F,
         (key, time): (U, F),
         radiance: V3,
-        [path, ray_number, kind]: [U; 3],
+        [path, ray_number, light]: [U; 3],
     ) {
         let ray = (survivors.compress_v3(origin), survivors.compress_v3(direction));
         let (key, time) = (survivors.compress_bits(key), survivors.compress(time));
@@ -195,7 +195,7 @@ impl ShadowRays {
         self.radiance.store(self.len, survivors.compress_v3(radiance));
         store_bits(&mut self.path, self.len, survivors.compress_bits(path));
         store_bits(&mut self.ray, self.len, survivors.compress_bits(ray_number));
-        store_bits(&mut self.kind, self.len, survivors.compress_bits(kind));
+        store_bits(&mut self.light, self.len, survivors.compress_bits(light));
         self.len += survivors.len;
     }
 
@@ -204,15 +204,15 @@ impl ShadowRays {
         self.rays.close(self.len);
     }
 
+    /// The light at the end of a ray.
+    #[inline]
+    pub fn light(&self, row: usize) -> LightNumber {
+        LightNumber(self.light[row])
+    }
+
     /// Kind of the light at the end of a ray.
     #[inline]
     pub fn kind(&self, row: usize) -> LightKind {
-        LightKind::split(self.kind[row]).0
-    }
-
-    /// Group of the light at the end of a ray.
-    #[inline]
-    pub fn group(&self, row: usize) -> usize {
-        LightKind::split(self.kind[row]).1.into()
+        self.light(row).kind()
     }
 }

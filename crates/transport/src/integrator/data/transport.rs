@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::camera::CameraRays;
 use super::dimensions::MAX_SEGMENTS;
-use super::light_groups::{LightGroupTable, LightKind};
+use super::light_groups::{LightGroupTable, LightKind, LightNumber};
 use super::prepared::Names;
 use super::proposal::Proposal;
 use crate::balance::{Counts, Heuristic};
@@ -73,6 +73,12 @@ impl Transport<'_> {
     #[inline]
     pub fn group(&self, kind: LightKind, of: impl FnOnce(&LightGroupTable) -> u8) -> u8 {
         self.groups.as_deref().map_or(kind.group(), of)
+    }
+
+    /// Group of a light that a light sample has chosen.
+    #[inline]
+    pub fn sampled_group(&self, light: LightNumber) -> u8 {
+        self.group(light.kind(), |groups| groups.sampled(light))
     }
 
     /// The surface point that a ray hit.

@@ -35,9 +35,17 @@ pub struct Lender {
     pub groups: [u8; 2],
     /// By groups of lights, the same of what its path finds from there on.
     pub beyond: [Vec3; MAX_GROUPS],
+    /// A bit for each group whose light it has found.
+    pub lit: u32,
 }
 
 impl Lender {
+    /// Adds what its path finds from there on.
+    pub fn add(&mut self, group: u8, radiance: Vec3) {
+        self.beyond[usize::from(group)] += radiance;
+        self.lit |= 1 << group;
+    }
+
     /// Is there anything to lend?
     pub fn is_lit(&self) -> bool {
         let sum: Vec3 = self.sampled.iter().chain(&self.beyond).sum();

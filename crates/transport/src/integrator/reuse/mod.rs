@@ -109,6 +109,7 @@ impl Lending {
                         sampled: [Vec3::ZERO; 2],
                         groups: [0; 2],
                         beyond: [Vec3::ZERO; MAX_GROUPS],
+                        lit: 0,
                     });
                     vertices.beta.set(row, Vec3::ONE);
                 } else {
@@ -239,7 +240,7 @@ impl<E: PathEvents> PathEvents for PathLight<'_, E> {
         if at.depth > 1 {
             let number = (rays.first + found.ray) as usize - at.paths.len();
             if let Some(lender) = self.lending.lender(number) {
-                lender.beyond[usize::from(found.group)] += found.radiance;
+                lender.add(found.group, found.radiance);
                 return;
             }
         }
@@ -283,14 +284,16 @@ impl<E: PathEvents> PathEvents for PathLight<'_, E> {
     #[inline]
     fn unoccluded(&mut self, at: &WaveContext, shadows: &ShadowRays, found: &UnoccludedLight) {
         if at.depth > 0 {
-            let (group, number) = (shadows.group(found.row), shadows.ray[found.row] as usize - at.paths.len());
+            let group = at.transport.sampled_group(shadows.light(found.row));
+            let number = shadows.ray[found.row] as usize - at.paths.len();
             if let Some(lender) = self.lending.lender(number) {
                 if at.depth == 1 {
                     let i = usize::from(shadows.kind(found.row) == LightKind::Punctual);
-                    (lender.sampled[i], lender.groups[i]) = (found.radiance, group as u8);
+                    (lender.sampled[i], lender.groups[i]) = (found.radiance, group);
+                    lender.lit |= 1 << group;
                     lender.directions[i] = shadows.rays.direction(found.row);
                 } else {
-                    lender.beyond[group] += found.radiance;
+                    lender.add(group, found.radiance);
                 }
                 return;
             }

@@ -64,7 +64,7 @@ pub struct Pairs {
     pub groups: Vec<usize>,
     /// Density of the direction in area measure; zero where the pair takes no part.
     pdf: Vec<f32>,
-    /// By group of lights, what is lent, but for the divisor.
+    /// By group of lights, what is lent, but for the divisor; without meaning where the lender has none of it.
     radiance: [V3Column; MAX_GROUPS],
     /// Visibility rays, and their pairs.
     rays: RayBatch,
@@ -80,12 +80,9 @@ impl Pairs {
         let lights = transport.lights;
         let punctual = lights.punctual || lights.sized.is_some();
         let kinds = [lights.environment.is_some(), lights.area.is_some(), punctual];
-        let is_present = |group: &usize| match &transport.groups {
-            Some(table) => *group < table.count,
-            None => kinds.get(*group) == Some(&true),
-        };
+        let is_used = transport.groups.as_ref().map_or(&kinds[..], |table| &table.is_used);
         self.groups.clear();
-        self.groups.extend((0..MAX_GROUPS).filter(is_present));
+        self.groups.extend((0..is_used.len()).filter(|group| is_used[*group]));
         self.ends.clear();
         self.lenders.clear();
         self.borrowed.clear();
@@ -136,9 +133,11 @@ impl Pairs {
             let rows = start..start + pairs.len();
             start = rows.end;
             let scale = 1.0 / (q * pdf[rows.clone()].iter().sum::<f32>());
-            for (row, [_, sample]) in rows.zip(pairs).filter(|(row, _)| pdf[*row] > 0.0) {
-                let own = borrowed[*sample as usize * groups.len()..].iter_mut();
-                own.zip(&*groups).for_each(|(own, group)| *own += radiance[*group].get(row) * scale);
+            let lit = lenders[pairs[0][0] as usize].lit;
+            for (i, group) in groups.iter().enumerate().filter(|(_, group)| lit >> *group & 1 == 1) {
+                for (row, [_, sample]) in rows.clone().zip(pairs).filter(|(row, _)| pdf[*row] > 0.0) {
+                    borrowed[*sample as usize * groups.len() + i] += radiance[*group].get(row) * scale;
+                }
             }
         }
         ends.clear();
@@ -210,7 +209,8 @@ impl Pairs {
         });
         let sampled = [0, 1].map(|i| V3::gather(eight(|lane| lender[lane].sampled[i])) * values[i]);
         let groups_of = [0, 1].map(|i| U::from(eight(|lane| u32::from(lender[lane].groups[i]))));
-        for &group in &self.groups {
+        let lit = lender.iter().fold(0, |lit, lender| lit | lender.lit);
+        for &group in self.groups.iter().filter(|group| lit >> **group & 1 == 1) {
             let beyond = V3::gather(eight(|lane| lender[lane].beyond[group]));
             let [a, b] = [0, 1].map(|i| V3::select(are(groups_of[i], group as u32), sampled[i], V3::ZERO));
             self.radiance[group].store(first, f * (a + b + beyond * values[2]) * to_area);

@@ -9,12 +9,12 @@ use crate::bsdf::{Core, Lobe, Parameters};
 use crate::integrator::data::context::WaveContext;
 use crate::integrator::data::dimensions;
 use crate::integrator::data::path_states::{NonFiniteSamples, clamp_contribution};
-use crate::integrator::data::queues::{LightKind, ShadowRays};
+use crate::integrator::data::queues::{LightKind, LightNumber, ShadowRays};
 use crate::integrator::data::requests::RequestGroup;
 use crate::integrator::data::transport::Transport;
 use crate::integrator::data::vertices::Vertices;
 use crate::integrator::events::{LightSampleGroup, PathEvents, UnoccludedLight};
-use crate::lanes::{F, LANES, Survivors, U, V3, eight, load, load_bits, mask};
+use crate::lanes::{F, LANES, Survivors, U, V3, load, load_bits, mask};
 use crate::light::samples::SIZED;
 use crate::light::{LightSampleContext, LightSamples, punctual};
 use crate::sampling::{hashes, keys, samples};
@@ -106,13 +106,13 @@ fn sample_extended(
     let weighted_pdf = is_environment.select(a_env, a_area) * light.pdf;
     let weight = transport.heuristic.weights(weighted_pdf, a_b * bsdf_pdf);
     let radiance = vertices.beta.load(rows) * value * light.radiance * (weight / weighted_pdf);
-    let [environment, area, sized] = KINDS.map(|kind| U::splat(kind.with(kind.group())));
+    let [environment, area, sized] =
+        [LightKind::Environment, LightKind::Area, LightKind::Sized].map(|kind| U::splat(kind as u32));
     let mut kind = cast::<F, U>(is_environment).select(environment, area);
     if transport.lights.sized.is_some() {
         kind = (U::from(light.emitter) & U::splat(SIZED)).simd_eq(U::splat(SIZED)).select(sized, kind);
     }
-    let kind = grouped(transport, kind, &light);
-    let found = Found { light, radiance, bsdf_pdf, kind };
+    let found = Found { number: numbers(kind, &light), light, radiance, bsdf_pdf };
     let (survivors, first_row, radiance) =
         push_shadow_rays(transport, depth, vertices, bsdf, group, &found, (non_finite, shadows));
     let emitter = light.emitter;
@@ -137,20 +137,15 @@ fn sample_punctual(
     let bsdf = vertices.bsdf(rows);
     let (value, bsdf_pdf) = bsdf.eval_pdf(vertices.ns.load(rows), vertices.wo.load(rows), light.wi);
     let radiance = vertices.beta.load(rows) * value * light.radiance;
-    let kind = grouped(transport, U::splat(LightKind::Punctual.with(LightKind::Punctual.group())), &light);
-    let found = Found { light, radiance, bsdf_pdf, kind };
+    let number = numbers(U::splat(LightKind::Punctual as u32), &light);
+    let found = Found { light, radiance, bsdf_pdf, number };
     push_shadow_rays(transport, depth, vertices, &bsdf, group, &found, (non_finite, shadows));
 }
 
-/// Kinds of lights that have an extent.
-const KINDS: [LightKind; 3] = [LightKind::Environment, LightKind::Area, LightKind::Sized];
-
-/// Kinds of eight light samples, with the groups of the chosen lights where lights are not grouped by kind.
-#[inline]
-fn grouped(transport: &Transport, kind: U, light: &LightSamples) -> U {
-    let Some(groups) = &transport.groups else { return kind };
-    let kinds = kind.to_array().map(|kind| LightKind::split(kind).0);
-    U::from(eight(|lane| kinds[lane].with(groups.sampled(kinds[lane], light.emitter[lane]))))
+/// [`LightNumber`] of eight light samples of these kinds.
+#[inline(always)]
+fn numbers(kind: U, light: &LightSamples) -> U {
+    kind | U::from(light.emitter) << LightNumber::BITS
 }
 
 /// Eight light samples, with the contribution of the light where nothing is in between.
@@ -158,8 +153,8 @@ struct Found {
     light: LightSamples,
     radiance: V3,
     bsdf_pdf: F,
-    /// [`LightKind::with`] its group.
-    kind: U,
+    /// [`LightNumber`].
+    number: U,
 }
 
 /// Pushes the shadow rays of eight light samples: those that survive, the row of the first of them, and their radiance after
@@ -175,7 +170,7 @@ fn push_shadow_rays(
     (non_finite, shadows): (&mut NonFiniteSamples, &mut ShadowRays),
 ) -> (Survivors, usize, V3) {
     let (rows, id) = (&group.rows, &group.path_ids);
-    let Found { light, bsdf_pdf, kind, .. } = *found;
+    let Found { light, bsdf_pdf, number, .. } = *found;
     let spawned = vertices.spawn_rays(rows, bsdf.transmits(), light.wi);
     let medium = vertices.media(rows, spawned.beyond);
     let bodies = vertices.shadow_policy(rows, bsdf, bsdf_pdf, spawned.beyond);
@@ -189,7 +184,7 @@ fn push_shadow_rays(
     non_finite.add_lanes((valid & !finite).to_bitmask(), id.path);
     let alive = valid & radiance.max_element().simd_gt(F::ZERO) & finite;
     let key = hashes(keys(id.seed, id.index, dimensions::light(depth)));
-    let (ray, ids) = ((spawned.origin, light.wi), [id.path, load_bits(&vertices.ray, rows), kind]);
+    let (ray, ids) = ((spawned.origin, light.wi), [id.path, load_bits(&vertices.ray, rows), number]);
     let (survivors, first_row) = (Survivors::of(alive), shadows.len);
     if let Some(bodies) = bodies {
         shadows.set_bodies(&survivors, cast(bodies.passes), medium.unwrap_or(U::ZERO));

@@ -106,7 +106,7 @@ impl SizedLightHits {
             }
             let ray = (rays.rays.origins(&rows), rays.rays.directions(&rows));
             let (key, ends) = (load_bits(&rays.rays.key, &rows), F::from(hits.map(|(_, hit)| hit.end)));
-            let ids = [load_bits(&rays.path, &rows), U::ZERO, U::splat(LightKind::Sized.with(0))];
+            let ids = [load_bits(&rays.path, &rows), U::ZERO, U::splat(LightKind::Sized as u32)];
             shadows.push(&survivors, ray, ends, (key, rays.rays.times(&rows)), radiance, ids);
         }
         shadows.close();
