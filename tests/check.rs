@@ -6,7 +6,7 @@ use std::path::Path;
 use serde_json::Value;
 
 use crate::helpers::glb;
-use crate::helpers::program::{assert_same_bits, attribute, expect, names, scene};
+use crate::helpers::program::{assert_same_bits, attribute, bismar, expect, names, scene, stderr};
 
 fn folder() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
@@ -145,4 +145,22 @@ fn what_cannot_be_checked_fails_by_itself() {
     assert_eq!(fs::read(path.join("a.exr")).unwrap(), before);
     expect(path, "check models", 66);
     expect(path, "check", 64);
+}
+
+#[test]
+fn a_mean_of_seeds_and_names_that_are_not_utf8_are_said() {
+    let folder = folder();
+    let path = folder.path();
+    for seed in [1, 2] {
+        let size = "--size 16x16 --spp 8 --checkpoint 60 --aov none -q";
+        expect(path, &format!("render models/c.glb --seed {seed} -o {seed}.exr {size}"), 0);
+    }
+    expect(path, "merge 1.exr 2.exr -o mean.exr -q", 0);
+    assert!(expect(path, "check mean.exr", 65).contains("the mean of pictures with the seeds 1,2"));
+    use std::os::unix::ffi::OsStrExt;
+    let odd = std::ffi::OsStr::from_bytes(b"\xff.exr");
+    fs::rename(path.join("2.exr"), path.join(odd)).unwrap();
+    let ran = bismar(path).args(["compare", "--json", "1.exr"]).arg(odd).output().unwrap();
+    assert_eq!(ran.status.code(), Some(0), "{}", stderr(&ran));
+    assert_eq!(serde_json::from_slice::<serde_json::Value>(&ran.stdout).unwrap()["b"], "\u{fffd}.exr");
 }

@@ -527,3 +527,34 @@ fn frames_on_a_farm_are_those_of_one_machine() {
         assert!(stderr(&said).contains(words_of), "{}", stderr(&said));
     }
 }
+
+#[test]
+fn a_task_is_begun_once_and_its_plan_stays_and_a_merge_that_waits_can_be_stopped() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    fs::write(path.join("s.glb"), glb::triangle()).unwrap();
+    let submit = |spp: u32| {
+        format!("farm submit s.glb --parts 2 --format plan --folder farm -- --size 64x64 --noise 1e-9 --spp {spp}")
+    };
+    expect(path, &submit(1 << 24), 0);
+    let begin = |line: &[&str]| {
+        bismar(path).args(["farm", "task", "1", "--plan", "farm/farm.json"]).args(line).spawn().unwrap()
+    };
+    let mut first = begin(&[]);
+    while status(path, "farm")["tasks"][0]["state"] != "running" {
+        thread::sleep(Duration::from_millis(10));
+    }
+    expect(path, "farm task 1 --plan farm/farm.json", 73);
+    assert_eq!(status(path, "farm")["tasks"][0]["state"], "running");
+    expect(path, &submit(8), 73);
+    signal(&first, "-TERM");
+    assert_eq!(first.wait().unwrap().code(), Some(75));
+    // It would wait for a minute for the second part, and then miss it (66).
+    let mut merge = begin(&["--merge"]);
+    let log = path.join("farm/logs/merge-1.json");
+    while !log.exists() {
+        thread::sleep(Duration::from_millis(10));
+    }
+    signal(&merge, "-TERM");
+    assert_eq!(merge.wait().unwrap().code(), Some(75));
+}

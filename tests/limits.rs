@@ -39,7 +39,37 @@ fn names_as_long_as_the_system_allows_are_written() {
     let folder = folder();
     let name = format!("{}.exr", "n".repeat(251));
     expect(folder.path(), &format!("render s.glb --size 8x8 --spp 1 -o {name}"), 0);
-    assert_eq!(names(folder.path()), [name, "s.glb".into()]);
+    assert_eq!(names(folder.path()), [name.clone(), "s.glb".into()]);
+    // A name of ours that would be longer is shortened, or refused before the work.
+    expect(folder.path(), &format!("check {name}"), 0);
+    fs::rename(folder.path().join("s.glb"), folder.path().join(format!("{}.glb", "s".repeat(251)))).unwrap();
+    let line = format!("look {}.glb --size 32x32 --spp 1", "s".repeat(251));
+    assert!(expect(folder.path(), &line, 73).contains("too long"));
+}
+
+/// Root has no limit of processes, so another user runs the program.
+#[test]
+fn threads_that_the_system_refuses_are_a_limit_of_the_host() {
+    use std::os::unix::fs::{MetadataExt, PermissionsExt};
+    let folder = folder();
+    let path = folder.path();
+    if fs::metadata(path).unwrap().uid() != 0 || Command::new("setpriv").arg("--version").output().is_err() {
+        return crate::helpers::skipped::skipped("not root, or without setpriv");
+    }
+    fs::set_permissions(path, fs::Permissions::from_mode(0o777)).unwrap();
+    fs::copy(program(), path.join("bismar")).unwrap();
+    let jobs = "[[matrix]]\nname = '{seed}'\nscene = 's.glb'\nsize = '8x8'\nspp = 1\nseed = [1, 2]\n";
+    fs::write(path.join("jobs.toml"), jobs).unwrap();
+    for line in
+        ["render s.glb --size 8x8 --spp 1 -o a.exr --threads 2", "inspect s.glb", "batch jobs.toml --isolate --jobs 2"]
+    {
+        for processes in 1..12 {
+            let line = format!("ulimit -u {processes}; exec ./bismar {line}");
+            let user = ["--reuid=65521", "--regid=65521", "--clear-groups", "bash", "-c", &line];
+            let ran = Command::new("setpriv").args(user).current_dir(path).output().unwrap();
+            assert!([Some(0), Some(76)].contains(&ran.status.code()), "{line}: {:?} {}", ran.status, stderr(&ran));
+        }
+    }
 }
 
 #[test]

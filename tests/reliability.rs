@@ -214,12 +214,17 @@ fn an_output_that_becomes_a_link_is_replaced() {
 fn a_signal_is_heard_while_a_pre_pass_learns() {
     let folder = folder();
     for (flags, what) in [("--guiding on", "guiding"), ("--adaptive", "adaptive")] {
-        let line = format!("render cornell.glb --size 1500x1500 --spp 65536 {flags} --checkpoint 9 -o out.exr");
+        let line = format!("render cornell.glb --size 1500x1500 --spp 65536 {flags} --checkpoint 9 -v -o out.exr");
         let mut child = bismar(folder.path()).args(line.split(' ')).stderr(Stdio::piped()).spawn().unwrap();
-        std::thread::sleep(std::time::Duration::from_millis(1500));
+        let mut lines = BufReader::new(child.stderr.take().unwrap());
+        let mut said = String::new();
+        // The last line before the pre-pass.
+        while !said.contains("no light is added") {
+            assert_ne!(lines.read_line(&mut said).unwrap(), 0, "it ended by itself:\n{said}");
+        }
         program::signal(&child, "-TERM");
-        let status = child.wait().unwrap();
-        assert_eq!(status.code(), Some(75), "{what}");
+        lines.read_to_string(&mut said).unwrap();
+        assert_eq!(child.wait().unwrap().code(), Some(75), "{what}: {said}");
     }
 }
 
@@ -234,10 +239,13 @@ fn a_reader_that_is_stuck_does_not_keep_a_render() {
         let line =
             format!("render cornell.glb --size 96x64 --spp 100000 --checkpoint 9 -o {style}.exr --progress {style}");
         let mut child = bismar(folder.path()).args(line.split(' ')).stdout(writer).spawn().unwrap();
-        std::thread::sleep(std::time::Duration::from_millis(2500));
+        // It renders and saves.
+        while !folder.path().join(format!("{style}.exr")).exists() {
+            assert!(child.try_wait().unwrap().is_none(), "{style}: it ended by itself");
+            std::thread::sleep(std::time::Duration::from_millis(20));
+        }
         program::signal(&child, "-TERM");
         assert_eq!(child.wait().unwrap().code(), Some(75), "{style}");
-        assert!(folder.path().join(format!("{style}.exr")).exists());
         drop(reader);
     }
 }

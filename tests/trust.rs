@@ -210,3 +210,81 @@ fn the_plan_of_another_farm_is_not_replaced() {
     assert!(expect(path, &submit("c.glb"), 73).contains("--folder"));
     assert_eq!(fs::read(path.join("farm/farm.json")).unwrap(), before);
 }
+
+#[test]
+fn what_lies_in_the_folder_of_a_farm_leads_nowhere_and_does_not_wait() {
+    let folder = folder();
+    let path = folder.path();
+    let submit =
+        |format: &str| format!("farm submit s.glb --parts 2 --format {format} --folder farm -- --size 40x40 --spp 1");
+    let task = "farm task 1 --plan farm/farm.json";
+    ["plan", "openjd", "plan", "openjd"].iter().for_each(|format| drop(expect(path, &submit(format), 0)));
+    fs::write(path.join("mine"), "mine").unwrap();
+    fs::create_dir(path.join("away")).unwrap();
+    for (name, lines) in [
+        ("farm.json", vec![submit("plan"), submit("openjd")]),
+        ("template.json", vec![submit("openjd")]),
+        ("logs/task-1.json", vec![task.into()]),
+        ("logs/task-1.log", vec![task.into()]),
+        ("logs", vec![task.into(), submit("plan")]),
+        ("parts", vec![task.into(), submit("plan")]),
+        ("slurm.json", vec![]),
+    ] {
+        let place = path.join("farm").join(name);
+        let (to, missing) = if name.contains('/') { ("../../mine", "../../made") } else { ("../mine", "../made") };
+        for to in [to, missing, "../away", "pipe"] {
+            let _ = fs::remove_dir_all(path.join("farm"));
+            expect(path, &submit("plan"), 0);
+            let _ = fs::remove_file(&place).or_else(|_| fs::remove_dir_all(&place));
+            match (to, name) {
+                ("../away", "logs" | "parts") => symlink(to, &place).unwrap(),
+                (_, "logs" | "parts") => continue,
+                ("pipe", _) => assert!(Command::new("mkfifo").arg(&place).status().unwrap().success()),
+                _ => symlink(to, &place).unwrap(),
+            }
+            lines.iter().for_each(|line| drop(expect(path, line, 73)));
+            let status = bismar(path).args(["farm", "status", "farm"]).output().unwrap();
+            assert!(
+                [Some(0), Some(65), Some(66), Some(74)].contains(&status.status.code()),
+                "{name}: {}",
+                stderr(&status)
+            );
+            assert_eq!(fs::read(path.join("mine")).unwrap(), b"mine");
+            assert!(!path.join("made").exists() && names(&path.join("away")).is_empty(), "{name} {to}");
+        }
+    }
+    // A report of a batch neither.
+    fs::write(path.join("jobs.toml"), "[[job]]\nscene = 's.glb'\nsize = '8x8'\nspp = 1\n").unwrap();
+    assert!(Command::new("mkfifo").arg(path.join("jobs-report.json")).status().unwrap().success());
+    expect(path, "batch jobs.toml", 73);
+}
+
+#[test]
+fn the_pictures_of_a_folder_are_inputs_too() {
+    let folder = folder();
+    let path = folder.path();
+    for name in ["a", "b"] {
+        fs::create_dir(path.join(name)).unwrap();
+        expect(path, &format!("render s.glb -o {name}/p.exr --size 8x8 --spp 1 --aov object"), 0);
+    }
+    symlink("a/p.exr", path.join("t.csv")).unwrap();
+    let before = fs::read(path.join("a/p.exr")).unwrap();
+    for line in ["labels a -o a/p.exr", "compare a b --csv t.csv"] {
+        assert!(expect(path, line, 64).contains("would overwrite"), "{line}");
+    }
+    // The new picture of the first would take the place of the second.
+    expect(path, "check a/p.exr --out c --max-flip 0", 0);
+    fs::copy(path.join("a/p.exr"), path.join("c/new/0001-p.exr")).unwrap();
+    assert!(expect(path, "check a/p.exr c/new/0001-p.exr --out c", 64).contains("would overwrite"));
+    assert_eq!(fs::read(path.join("c/new/0001-p.exr")).unwrap(), before);
+    assert_eq!(fs::read(path.join("a/p.exr")).unwrap(), before);
+}
+
+#[test]
+fn a_text_of_a_file_begins_no_line_of_what_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = r#"{"asset": {"version": "2.0"}, "extensionsUsed": ["X\nopenjd_env: A=B"], "extensionsRequired": ["X\nopenjd_env: A=B"]}"#;
+    fs::write(folder.path().join("s.gltf"), scene).unwrap();
+    let said = expect(folder.path(), "render s.gltf --progress openjd", 65);
+    assert!(said.contains("openjd_env: A=B") && said.lines().all(|line| !line.starts_with("openjd_env")), "{said}");
+}

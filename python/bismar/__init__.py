@@ -15,6 +15,7 @@ Messages go to `logging.getLogger("bismar")`.
 from __future__ import annotations
 
 import json
+import operator
 import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Callable, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
@@ -117,6 +118,16 @@ def _numbers(name: str, value: Any, count: int) -> Tuple[Any, ...]:
     return numbers
 
 
+def _count(threads: Any) -> Optional[int]:
+    """A number of threads; 0, which the native half refuses, for what is none."""
+    if threads is None:
+        return None
+    try:
+        return min(max(operator.index(threads), 0), 2**31)
+    except TypeError:
+        raise UsageError(f"threads: {threads!r} is not a number of threads", 64) from None
+
+
 def _flags(given: Dict[str, Any], *others: str) -> List[Tuple[str, Optional[str]]]:
     """The arguments of a function, but for `others`, as flags of the command line."""
     flags: List[Tuple[str, Optional[str]]] = []
@@ -125,18 +136,23 @@ def _flags(given: Dict[str, Any], *others: str) -> List[Tuple[str, Optional[str]
             value = "on" if value else "off"
         if name in others or value is None or value is False:
             continue
-        if name == "size":
-            value = value if isinstance(value, str) else "x".join(map(_text, _numbers(name, value, 2)))
-        elif name == "crop":
-            value = _numbers(name, value, 4)
-        elif name == "denoise":
-            value = "oidn"
-        elif name == "aovs" and not isinstance(value, str):
-            value = ",".join(value) or "none"
-        # Not by the aliases, which pictures' headers do not have.
-        name = {"scene": "scene_name", "aovs": "aov"}.get(name, name)
-        flags.append((name.replace("_", "-"), None if value is True else _text(value)))
+        try:
+            # Not by the aliases, which pictures' headers do not have.
+            flag = {"scene": "scene-name", "aovs": "aov"}.get(name, name.replace("_", "-"))
+            flags.append((flag, None if value is True and name != "denoise" else _value(name, value)))
+        except TypeError:
+            raise UsageError(f"{name}: {value!r} cannot be used", 64) from None
     return flags
+
+
+def _value(name: str, value: Any) -> str:
+    if name == "size" and not isinstance(value, str):
+        return "x".join(map(_text, _numbers(name, value, 2)))
+    if name == "crop":
+        value = _numbers(name, value, 4)
+    elif name in ("aovs", "views") and not isinstance(value, str):
+        return ",".join(value) or "none"
+    return "oidn" if name == "denoise" else _text(value)
 
 
 def load(
@@ -188,7 +204,7 @@ def load(
     or Embree do not suffice.
     """
     options = _flags(locals(), "path", "threads", "velocity") + ([("aov", "velocity")] if velocity else [])
-    return Scene(_bismar.load(path, options, threads))
+    return Scene(_bismar.load(path, options, _count(threads)))
 
 
 class Scene:
@@ -347,9 +363,11 @@ class Scene:
                 raise UsageError("balance: a heuristic of one's own needs size=(width, height)", 64)
         options = _flags(locals(), "self", "progress", "heuristic")
         call = None if progress is None else (lambda *now: progress(Progress(*now)))
-        window = (0, 0, *(size if isinstance(size, tuple) else (0, 0))) if crop is None else crop
-        shape = (window[3] - window[1], window[2] - window[0])
-        native, stopped_by = self._native.render(options, call, None if heuristic is None else of_arrays(heuristic, shape))
+        shares = None
+        if heuristic is not None:
+            window = (0, 0, *size) if crop is None else crop  # type: ignore[misc]
+            shares = of_arrays(heuristic, (window[3] - window[1], window[2] - window[0]))
+        native, stopped_by = self._native.render(options, call, shares)
         picture = None if native is None else Picture(native)
         if isinstance(stopped_by, KeyboardInterrupt):
             interrupted = Interrupted("interrupted; the attribute `picture` has what there is", 75)
@@ -519,10 +537,8 @@ def look(
     Raises InputError for a file that is missing or cannot be used, UsageError for wrong arguments, HostError where memory
     does not suffice, KeyboardInterrupt after Ctrl-C.
     """
-    if not (views is None or isinstance(views, str)):
-        views = ",".join(views)
     options = _flags(locals(), "path", "new", "threads")
-    return Look(_bismar.look([path] if new is None else [path, new], options, threads))
+    return Look(_bismar.look([path] if new is None else [path, new], options, _count(threads)))
 
 
 def compare(a: Union[Picture, Path], b: Union[Picture, Path], *, layer: Optional[str] = None) -> Dict[str, Any]:

@@ -15,16 +15,20 @@ use crate::{Flag, errors, json, run};
 #[pyclass(frozen, module = "bismar._bismar")]
 pub struct Look {
     looked: Looked,
-    scenes: Vec<PathBuf>,
+    /// The files that it was made of.
+    paths: Paths,
 }
 
 #[pyfunction]
 pub fn look(py: Python, scenes: Vec<PathBuf>, options: Vec<Flag>, threads: Option<usize>) -> PyResult<Look> {
     let pool = run::pool(threads).map_err(|error| errors::raise(py, &error))?;
-    let outcome = run::stoppable(py, &pool, None, |stop, _| in_memory::look(&options, &scenes, stop));
+    let outcome = run::stoppable(py, &pool, false, None, |stop, _| {
+        let mut paths = Paths::default();
+        Ok(Look { looked: in_memory::look(&options, &scenes, &mut paths, stop)?, paths })
+    });
     match (outcome.result, outcome.exception) {
         (_, Some(exception)) => Err(exception),
-        (Ok(looked), None) => Ok(Look { looked, scenes }),
+        (Ok(look), None) => Ok(look),
         (Err(error), None) => Err(errors::raise(py, &error)),
     }
 }
@@ -56,9 +60,7 @@ impl Look {
 
     fn save(&self, py: Python, path: PathBuf) -> PyResult<()> {
         run::work(py, None, || {
-            let mut paths = Paths::default();
-            self.scenes.iter().try_for_each(|scene| paths.reads("the scene", scene))?;
-            paths.writes("the sheet", &path)?;
+            self.paths.clone().writes("the sheet", &path)?;
             self.looked.sheet.write(&path)
         })
     }

@@ -1,6 +1,5 @@
 //! Work of the library without Python's lock (GIL): on a thread pool, with panics caught, and with signals seen.
 
-use std::any::Any;
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::process;
@@ -13,7 +12,7 @@ use std::time::Duration;
 use pyo3::prelude::*;
 use rayon::ThreadPool;
 
-use bismar::console::host;
+use bismar::console::{host, panics};
 use bismar::render::Progress;
 use bismar::{Error, Result};
 
@@ -39,9 +38,9 @@ pub fn call_back<T>(call: impl FnOnce() -> T) -> T {
     result
 }
 
-/// Another pool of the same size inside of a callable.
-fn own_pool(on: &ThreadPool) -> Result<Option<ThreadPool>> {
-    IN_CALLBACK.get().then(|| host::pool(on.current_num_threads())).transpose()
+/// Another pool of the same size inside of a callable, and for work that `waits` for one, which may render by other threads.
+fn own_pool(on: &ThreadPool, waits: bool) -> Result<Option<ThreadPool>> {
+    (waits || IN_CALLBACK.get()).then(|| host::pool(on.current_num_threads())).transpose()
 }
 
 /// The process whose threads were started, 0 before.
@@ -76,14 +75,9 @@ fn check_process() -> Result<()> {
     }
 }
 
-fn message(panic: &(dyn Any + Send)) -> String {
-    let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
-    text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or("unknown".into())
-}
-
 fn guarded<T>(work: impl FnOnce() -> Result<T>) -> Result<T> {
     // Nothing that a panic could leave half done is used afterwards: each call makes its own state.
-    catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|panic| Err(Error::Bug(message(&*panic))))
+    catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|panic| Err(panics::error(&*panic)))
 }
 
 /// Does work on a pool, without the lock.
@@ -100,7 +94,7 @@ pub fn work<T: Send>(py: Python, on: Option<&ThreadPool>, work: impl FnOnce() ->
                 &*shared
             }
         };
-        match own_pool(on)? {
+        match own_pool(on, false)? {
             Some(own) => own.install(|| guarded(work)),
             None => on.install(|| guarded(work)),
         }
@@ -116,10 +110,12 @@ pub struct Outcome<T> {
 }
 
 /// Does work that can be stopped and reports progress. The calling thread sees signals and calls `callback` meanwhile; the
-/// work stops if a signal handler or the callback raises an exception, or the callback returns False.
+/// work stops if a signal handler or the callback raises an exception, or the callback returns False. Work that `waits` for
+/// another callable has threads of its own.
 pub fn stoppable<T: Send>(
     py: Python,
     on: &ThreadPool,
+    waits: bool,
     callback: Option<&Py<PyAny>>,
     work: impl FnOnce(&AtomicBool, &(dyn Fn(Progress) + Sync)) -> Result<T> + Send,
 ) -> Outcome<T> {
@@ -142,7 +138,7 @@ pub fn stoppable<T: Send>(
             return (Err(error), None);
         }
         let mut exception = None;
-        let own = match own_pool(on) {
+        let own = match own_pool(on, waits) {
             Ok(own) => own,
             Err(error) => return (Err(error), None),
         };

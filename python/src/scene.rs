@@ -113,10 +113,11 @@ impl Scene {
                 Error::Interrupted("the heuristic raised an exception".into())
             })
         };
-        let outcome = run::stoppable(py, &self.pool, progress.as_ref(), |stop, progress| match heuristic {
-            Some(_) => scene.render_by(&shares, request(&self.path, &options)?, stop, progress),
-            None => scene.render(request(&self.path, &options)?, stop, progress),
-        });
+        let outcome =
+            run::stoppable(py, &self.pool, heuristic.is_some(), progress.as_ref(), |stop, progress| match heuristic {
+                Some(_) => scene.render_by(&shares, request(&self.path, &options)?, stop, progress),
+                None => scene.render(request(&self.path, &options)?, stop, progress),
+            });
         if let Some(exception) = raised.into_inner().unwrap_or_else(PoisonError::into_inner) {
             return Err(exception);
         }

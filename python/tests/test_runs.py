@@ -1,5 +1,6 @@
 """Errors, signals, threads, memory and time."""
 
+import json
 import logging
 import os
 import signal
@@ -10,6 +11,7 @@ import time
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import bismar
 
@@ -29,6 +31,9 @@ import bismar
         (lambda s: s.render(crop=7), bismar.UsageError, 64),
         (lambda s: bismar.load("x.glb", threads=2**31), bismar.UsageError, 64),
         (lambda s: bismar.load("x.glb", threads=0), bismar.UsageError, 64),
+        (lambda s: bismar.load("x.glb", threads=-1), bismar.UsageError, 64),
+        (lambda s: bismar.load("x.glb", threads=2**64), bismar.UsageError, 64),
+        (lambda s: bismar.look("x.glb", threads=1.5), bismar.UsageError, 64),
         (lambda s: s.render(camera="nobody"), bismar.UsageError, 64),
         (lambda s: s.render(balance="best"), bismar.UsageError, 64),
         (lambda s: s.render(aovs=["colour"]), bismar.UsageError, 64),
@@ -157,6 +162,16 @@ def test_callables_may_render_the_scene_that_calls_them(scenes):
     scene.render(size=(8, 8), spp=16, balance=balance)
     assert inner and all(np.isfinite(inner))
 
+    def elsewhere(moments):
+        thread = threading.Thread(target=balance, args=(moments,))
+        thread.start()
+        thread.join()
+        return 0.5
+
+    before = len(inner)
+    scene.render(size=(8, 8), spp=16, balance=elsewhere)
+    assert len(inner) > before
+
     def progress(now):
         inner.append(scene.render(size=(8, 8), spp=1)["beauty"].mean())
         return False
@@ -176,6 +191,69 @@ def test_a_picture_does_not_replace_what_it_was_made_of(scenes, tmp_path):
     with pytest.raises(bismar.UsageError, match="would overwrite"):
         picture.save(link)
     assert sky.read_bytes() == (scenes / "field.hdr").read_bytes()
+
+
+def test_no_picture_replaces_a_scene_s_files_wherever_the_program_has_gone(scenes, tmp_path, monkeypatch):
+    (tmp_path / "s.glb").write_bytes((scenes / "cornell.glb").read_bytes())
+    Image.new("RGB", (2, 2)).save(tmp_path / "t.png")
+    buffer = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32).tobytes() + np.zeros((3, 2), np.float32).tobytes()
+    (tmp_path / "b.bin").write_bytes(buffer)
+    views = [{"buffer": 0, "byteLength": 36}, {"buffer": 0, "byteOffset": 36, "byteLength": 24}]
+    accessors = [
+        {"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "min": [0, 0, 0], "max": [1, 1, 0]},
+        {"bufferView": 1, "componentType": 5126, "count": 3, "type": "VEC2"},
+    ]
+    scene = {
+        "asset": {"version": "2.0"},
+        "buffers": [{"uri": "b.bin", "byteLength": len(buffer)}],
+        "bufferViews": views,
+        "accessors": accessors,
+        "images": [{"uri": "t.png"}],
+        "textures": [{"source": 0}],
+        "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "material": 0}]}],
+        "nodes": [{"mesh": 0}],
+        "scenes": [{"nodes": [0]}],
+        "scene": 0,
+    }
+    (tmp_path / "t.gltf").write_text(json.dumps(scene))
+    (tmp_path / "below").mkdir()
+    for name in ["t.gltf", "b.bin"]:
+        (tmp_path / f"{name}.png").symlink_to(name)
+    monkeypatch.chdir(tmp_path)
+    results = [bismar.load("t.gltf", sky=True).render(size=(8, 8), spp=1), bismar.look("t.gltf", size=(32, 32), spp=1)]
+    for folder in ["", "below"]:
+        monkeypatch.chdir(tmp_path / folder)
+        for result in results:
+            for name in ["t.png", "t.gltf.png", "b.bin.png"]:
+                with pytest.raises(bismar.UsageError, match="would overwrite"):
+                    result.save(tmp_path / name)
+    assert (tmp_path / "b.bin").read_bytes() == buffer
+
+
+def test_outputs_that_nobody_has_named_replace_nothing_of_others(cornell, tmp_path):
+    cornell.render(size=(8, 8), spp=1, aovs=["object", "depth"]).save(tmp_path / "p.exr")
+    calls = {
+        "p.object.png": lambda: bismar.labels([tmp_path / "p.exr"], ids=True),
+        "p.depth.npy": lambda: bismar.labels([tmp_path / "p.exr"], depth=["npy"]),
+        "p.png": lambda: bismar.develop(tmp_path / "p.exr"),
+    }
+    mine = tmp_path / "mine"
+    for name, call in calls.items():
+        output = tmp_path / name
+        mine.write_bytes(b"mine")
+        for make in [lambda: output.write_bytes(b"mine"), lambda: output.symlink_to("mine"), lambda: os.mkfifo(output)]:
+            make()
+            with pytest.raises(bismar.FileError):
+                call()
+            assert mine.read_bytes() == b"mine"
+            output.unlink()
+        call()
+        call()
+    # What is named is replaced.
+    (tmp_path / "named.png").symlink_to("mine")
+    bismar.develop(tmp_path / "p.exr", tmp_path / "named.png")
+    assert mine.read_bytes() != b"mine"
 
 
 def resident():

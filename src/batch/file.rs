@@ -13,6 +13,7 @@ pub use super::values::Flag;
 use super::values::{FileResult, Reader, Setting, position, settings, sorted};
 use super::views::SPLITTING;
 use crate::film::lut::is_lut;
+use crate::scene::import::read_text;
 use crate::{Error, Result};
 
 /// Most jobs of one file, frames included; more are assumed to be a mistake.
@@ -23,10 +24,8 @@ const MAX_JOBS: usize = 100_000;
 /// # Errors
 /// [`Error::Config`] with line and column; [`Error::reading`].
 pub fn read(path: &Path, flags: &HashMap<String, Flag>) -> Result<Vec<Job>> {
-    let text = std::fs::read_to_string(path).map_err(|e| match e.kind() {
-        std::io::ErrorKind::InvalidData => Error::Config(format!("{}: not UTF-8 text", path.display())),
-        _ => Error::reading(path, &e),
-    })?;
+    let text = String::from_utf8(read_text(path)?);
+    let text = text.map_err(|_| Error::Config(format!("{}: not UTF-8 text", path.display())))?;
     let folder = path.parent().unwrap_or(Path::new(""));
     parse(&text, folder, flags).map_err(|(at, why)| {
         let (line, column) = position(&text, at);

@@ -5,21 +5,24 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 
-/// Calls `work` once with each of 0, 1, … `jobs` − 1, begun in this order, on `workers` threads.
+/// Calls `work` once with each of 0, 1, … `jobs` − 1, begun in this order, on `workers` threads, of which this is one; on fewer if
+/// the system refuses to start them.
 pub fn each(jobs: usize, workers: usize, work: &(dyn Fn(usize) + Sync)) {
     let next = AtomicUsize::new(0);
-    thread::scope(|scope| {
-        for _ in 0..workers.min(jobs) {
-            scope.spawn(|| {
-                loop {
-                    let job = next.fetch_add(1, Ordering::Relaxed);
-                    if job >= jobs {
-                        break;
-                    }
-                    work(job);
-                }
-            });
+    let run = || {
+        loop {
+            let job = next.fetch_add(1, Ordering::Relaxed);
+            if job >= jobs {
+                break;
+            }
+            work(job);
         }
+    };
+    thread::scope(|scope| {
+        for _ in 1..workers.min(jobs) {
+            let _ = thread::Builder::new().spawn_scoped(scope, run);
+        }
+        run();
     });
 }
 

@@ -8,7 +8,7 @@ use serde_json::Value;
 use serde_json::value::RawValue;
 
 use super::job::Job;
-use crate::scene::import::read_text;
+use crate::scene::import::read_own;
 
 /// Result of a job.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -83,7 +83,7 @@ pub fn earlier(path: &Path) -> HashMap<String, Entry> {
     struct Earlier {
         jobs: Vec<Entry>,
     }
-    let report = read_text(path).ok().and_then(|bytes| serde_json::from_slice::<Earlier>(&bytes).ok());
+    let report = read_own(path).ok().and_then(|bytes| serde_json::from_slice::<Earlier>(&bytes).ok());
     report.into_iter().flat_map(|report| report.jobs).map(|entry| (entry.job.clone(), entry)).collect()
 }
 

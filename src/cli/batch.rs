@@ -62,7 +62,10 @@ pub fn run(args: &BatchArgs, verbosity: Verbosity) -> Result<Verdict> {
         let stem = args.file.file_stem().unwrap_or_default().to_string_lossy();
         args.file.with_file_name(format!("{stem}-report.json"))
     });
-    // The default report follows from the batch file that the command line names.
+    // The default report follows from the batch file that the command line names. What waits in its place may be of others.
+    if args.report.is_none() {
+        atomic::check_below(&report, &[])?;
+    }
     [&report].into_iter().chain(&args.events).for_each(|path| atomic::named(path));
     let folders = roots(&args.file, &args.root);
     atomic::confine(&folders);

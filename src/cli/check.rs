@@ -84,10 +84,15 @@ pub fn run(args: &CheckArgs, verbosity: Verbosity) -> Result<Verdict> {
     atomic::create_folder(&folder.join("a"))?;
     let results = ["index.html", "junit.xml", "report.json"].map(|name| args.out.join(name));
     results.iter().try_for_each(|path| atomic::check(path))?;
-    let (mut checks, mut jobs) = (Vec::new(), Vec::new());
-    for (i, golden) in pictures(&args.goldens)?.into_iter().enumerate() {
+    let (mut checks, mut jobs, mut paths) = (Vec::new(), Vec::new(), Paths::default());
+    let goldens = pictures(&args.goldens)?;
+    goldens.iter().try_for_each(|golden| paths.reads("the golden picture", golden))?;
+    for (i, golden) in goldens.into_iter().enumerate() {
         let stem = golden.file_stem().unwrap_or_default().to_string_lossy();
+        // A file's name has at most 255 bytes.
+        let stem = &stem[..stem.floor_char_boundary(240)];
         let new = folder.join(format!("{:04}-{stem}.exr", i + 1));
+        paths.writes("the new picture", &new)?;
         // What an earlier check has left is of another program, perhaps.
         let _ = fs::remove_file(&new);
         let job = job(&golden, &new, args);
@@ -181,9 +186,6 @@ fn job(golden: &Path, new: &Path, args: &CheckArgs) -> Result<Job> {
     let settings = &earlier.record.identity.settings;
     if earlier.record.stop == StopReason::Interrupted {
         return Err(cannot("it is not complete: finish it with --resume"));
-    }
-    if !earlier.record.seeds.is_empty() {
-        return Err(cannot("it is the mean of pictures with several seeds: check those"));
     }
     if settings.part.is_some() {
         return Err(cannot("it is a part of a picture: merge the parts"));

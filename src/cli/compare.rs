@@ -60,12 +60,14 @@ pub struct CompareArgs {
 
 pub fn run(args: &CompareArgs) -> Result<Verdict> {
     let mut paths = Paths::default();
+    let folders = args.a.is_dir() && args.b.is_dir();
     let frames = match sequence::are_sequences(&args.a, &args.b) {
         true => Some(sequence::in_both(&args.a, &args.b)?),
         false => None,
     };
     let pairs: Vec<(PathBuf, PathBuf)> = match &frames {
         Some(frames) => frames.iter().map(|(_, a, b)| (a.clone(), b.clone())).collect(),
+        None if folders => same_names(&args.a, &args.b)?,
         None => vec![(args.a.clone(), args.b.clone())],
     };
     pairs.iter().flat_map(|(a, b)| [a, b]).try_for_each(|picture| paths.reads("the picture", picture))?;
@@ -80,14 +82,12 @@ pub fn run(args: &CompareArgs) -> Result<Verdict> {
         paths.names(flag, path)?;
         atomic::check(path)?;
     }
-    let folders = args.a.is_dir() && args.b.is_dir();
     if folders && (args.diff.is_some() || args.page.is_some()) {
         return Err(Error::Usage("--diff and --page show one pair of pictures, not two folders of them".into()));
     }
     if frames.is_some() && args.diff.is_some() {
         return Err(Error::Usage("--diff shows one pair of pictures, not two sequences of them".into()));
     }
-    let pairs = if folders { same_names(&args.a, &args.b)? } else { pairs };
     let pairs = pairs.into_iter().map(|(a, b)| one(args, a, b)).collect::<Result<Vec<_>>>()?;
     let numbers: Option<Vec<u32>> = frames.map(|frames| frames.iter().map(|(frame, ..)| *frame).collect());
     let worst = sequence::worst(&pairs);

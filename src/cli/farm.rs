@@ -279,6 +279,7 @@ fn submit_to_slurm(args: &SubmitArgs, plan: &Plan) -> Result<Verdict> {
 fn check_folder(plan: &Plan) -> Result<Claim> {
     let (folder, path) = (plan.folder.display(), plan.folder.join(PLAN));
     create(&plan.folder)?;
+    atomic::confine(std::slice::from_ref(&plan.folder));
     let claim = claim(&path)?;
     let Ok(earlier) = Plan::read(&path) else { return Ok(claim) };
     let other_folder = "give this one another with --folder";
@@ -309,8 +310,8 @@ fn create(folder: &Path) -> Result<()> {
 }
 
 fn write_folder(plan: &Plan, files: &[(String, String)]) -> Result<()> {
-    create(&plan.folder.join("logs"))?;
-    create(&plan.folder.join("parts"))?;
+    // Neither is a link that leads elsewhere.
+    ["logs", "parts"].iter().try_for_each(|name| atomic::create_folder(&plan.folder.join(name).join("a")))?;
     // Folder names hold no frame numbers, so there is one folder for all frames.
     let outputs = plan.tasks.iter().map(|t| &t.output).chain(plan.merges.iter().map(|m| &m.output));
     for folder in outputs.filter_map(|path| path.parent()) {

@@ -15,7 +15,7 @@ pub use super::render::request;
 use super::view_args::ViewArgs;
 use crate::Result;
 use crate::console::{Paths, Verbosity, host};
-use crate::film::ViewTransform;
+use crate::film::{ViewTransform, atomic};
 
 /// `bismar merge`: parts of a picture, or pictures of different seeds.
 ///
@@ -23,7 +23,8 @@ use crate::film::ViewTransform;
 /// Those of the command.
 pub fn merge(options: &Options, parts: &[PathBuf]) -> Result<()> {
     let parts: Vec<&Path> = parts.iter().map(PathBuf::as_path).collect();
-    super::merge::run(&parse::<MergeArgs>("merge", options, &parts)?, QUIET).map(drop)
+    let args = parse::<MergeArgs>("merge", options, &parts)?;
+    atomic::command(|| super::merge::run(&args, QUIET).map(drop))
 }
 
 /// `bismar labels`: annotations, ids, depth and normals of pictures.
@@ -32,7 +33,8 @@ pub fn merge(options: &Options, parts: &[PathBuf]) -> Result<()> {
 /// Those of the command.
 pub fn labels(options: &Options, pictures: &[PathBuf]) -> Result<()> {
     let pictures: Vec<&Path> = pictures.iter().map(PathBuf::as_path).collect();
-    super::labels::run(&parse::<LabelsArgs>("labels", options, &pictures)?, QUIET).map(drop)
+    let args = parse::<LabelsArgs>("labels", options, &pictures)?;
+    atomic::command(|| super::labels::run(&args, QUIET).map(drop))
 }
 
 /// `bismar develop`: a picture file to PNG.
@@ -40,16 +42,19 @@ pub fn labels(options: &Options, pictures: &[PathBuf]) -> Result<()> {
 /// # Errors
 /// Those of the command.
 pub fn develop(options: &Options, input: &Path) -> Result<()> {
-    super::develop::run(&parse::<DevelopArgs>("develop", options, &[input])?, QUIET).map(drop)
+    let args = parse::<DevelopArgs>("develop", options, &[input])?;
+    atomic::command(|| super::develop::run(&args, QUIET).map(drop))
 }
 
-/// `bismar look`: a contact sheet of a scene, or of two, and what is in them; on the current rayon pool. Nothing is written.
+/// `bismar look`: a contact sheet of a scene, or of two, and what is in them; on the current rayon pool. Nothing is written, and
+/// `paths` gets the files that are read.
 ///
 /// # Errors
 /// Those of the command; [`Error::Interrupted`](crate::Error::Interrupted) soon after `stop` is raised.
-pub fn look(options: &Options, scenes: &[PathBuf], stop: &AtomicBool) -> Result<Looked> {
+pub fn look(options: &Options, scenes: &[PathBuf], paths: &mut Paths, stop: &AtomicBool) -> Result<Looked> {
+    scenes.iter().try_for_each(|scene| paths.reads("the scene", scene))?;
     let scenes: Vec<&Path> = scenes.iter().map(PathBuf::as_path).collect();
-    super::look::look(&parse::<LookArgs>("look", options, &scenes)?, &mut Paths::default(), stop)
+    super::look::look(&parse::<LookArgs>("look", options, &scenes)?, paths, stop)
 }
 
 /// The view transform of these values of `--view` and `--view-space`.

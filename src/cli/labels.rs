@@ -111,7 +111,8 @@ pub fn run(args: &LabelsArgs, verbosity: Verbosity) -> Result<Verdict> {
         return Err(Error::Usage(format!("--images {images}: not the ending of a file's name, such as png")));
     }
     let mut paths = Paths::default();
-    args.pictures.iter().try_for_each(|picture| paths.reads("the picture", picture))?;
+    let pictures = super::check::pictures(&args.pictures)?;
+    pictures.iter().try_for_each(|picture| paths.reads("the picture", picture))?;
     if let Some(output) = &args.output {
         paths.names("-o", output)?;
         atomic::check(output)?;
@@ -124,7 +125,6 @@ pub fn run(args: &LabelsArgs, verbosity: Verbosity) -> Result<Verdict> {
     atomic::confine(&folders);
     let folder = args.output.as_deref().and_then(Path::parent).unwrap_or(Path::new(""));
     let (mut coco, mut categories) = (Coco::default(), HashMap::new());
-    let pictures = super::check::pictures(&args.pictures)?;
     for picture in &pictures {
         args.arrays.write(picture, &mut paths)?;
         if args.output.is_none() && !args.ids {

@@ -9,6 +9,8 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::thread;
 use std::time::Duration;
 
+use rustix::process::{Pid, Signal, kill_process};
+
 use super::Signals;
 use crate::{Error, Result};
 
@@ -20,13 +22,14 @@ pub fn this_program() -> Command {
 }
 
 /// Runs a command that listens with [`Signals::from_parent`] until it ends, and forwards the first signal. `first` is written to its
-/// standard input. `line` is called with each line of its standard output if that is piped, `often` at least every 30 ms.
+/// standard input; a command without one does not listen, and is ended by SIGTERM. `line` is called with each line of its standard
+/// output if that is piped, `often` at least every 30 ms.
 ///
 /// # Errors
 /// [`Error::Host`] if it cannot be started or waited for.
 pub fn lead(
     command: &mut Command,
-    first: &[u8],
+    first: Option<&[u8]>,
     signals: &Signals,
     line: &(dyn Fn(&str) + Sync),
     often: &mut dyn FnMut(),
@@ -37,20 +40,29 @@ pub fn lead(
     })?;
     thread::scope(|scope| {
         if let Some(out) = child.stdout.take() {
-            scope.spawn(move || {
-                BufReader::new(out).lines().map_while(std::result::Result::ok).for_each(|text| line(&text))
-            });
+            let read =
+                move || BufReader::new(out).lines().map_while(std::result::Result::ok).for_each(|text| line(&text));
+            if let Err(e) = thread::Builder::new().spawn_scoped(scope, read) {
+                // It has done nothing yet.
+                let _ = child.kill().and_then(|()| child.wait());
+                return Err(Error::Host(format!("cannot start a thread: {e}")));
+            }
         }
         wait(&mut child, first, signals, often)
             .map_err(|e| Error::Host(format!("cannot wait for a child process: {e}")))
     })
 }
 
-fn wait(child: &mut Child, first: &[u8], signals: &Signals, often: &mut dyn FnMut()) -> std::io::Result<ExitStatus> {
+fn wait(
+    child: &mut Child,
+    first: Option<&[u8]>,
+    signals: &Signals,
+    often: &mut dyn FnMut(),
+) -> std::io::Result<ExitStatus> {
     let mut input = child.stdin.take();
     // Errors are those of a child that has ended, which is handled below.
     let mut send = |bytes: &[u8]| input.as_mut().map(|input| input.write_all(bytes).and_then(|()| input.flush()));
-    send(first);
+    first.map(&mut send);
     let mut notified = false;
     let mut pause = Duration::from_millis(1);
     loop {
@@ -59,7 +71,10 @@ fn wait(child: &mut Child, first: &[u8], signals: &Signals, often: &mut dyn FnMu
             return Ok(status);
         }
         if signals.stopped() && !notified {
-            send(b".");
+            match (first, i32::try_from(child.id()).ok().and_then(Pid::from_raw)) {
+                (None, Some(child)) => drop(kill_process(child, Signal::TERM)),
+                _ => drop(send(b".")),
+            }
             notified = true;
         }
         often();

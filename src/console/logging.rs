@@ -98,7 +98,7 @@ fn line(level: Level, text: &str) {
             let _ = SystemTime.format_time(&mut Writer::new(&mut now));
             json!({ "timestamp": now, "level": level.as_str(), "message": text }).to_string()
         }
-        _ => escaped(text),
+        _ => writers::message(&escaped(text)),
     };
     writers::write(format!("{text}\n").into_bytes());
 }

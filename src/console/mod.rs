@@ -73,12 +73,11 @@ pub fn run<Cli: Parser>(verbosity: impl Fn(&Cli) -> Verbosity, work: impl FnOnce
         Ok(Ok(Verdict::Beyond)) => ExitCode::from(1),
         Ok(Ok(Verdict::Worst(code))) => ExitCode::from(code),
         Ok(Err(error)) => fail(&error),
-        Err(payload) if panics::is_refused_thread(&*payload) => {
-            let why = "the system refuses to start another thread (ulimit -u, or the limit of a container)";
-            fail(&Error::Host(why.into()))
-        }
-        // The panic hook has printed the message.
-        Err(_) => ExitCode::from(70),
+        Err(payload) => match panics::error(&*payload) {
+            // The panic hook has printed the message.
+            Error::Bug(_) => ExitCode::from(70),
+            error => fail(&error),
+        },
     };
     writers::flush();
     code

@@ -5,15 +5,25 @@ use std::backtrace::{Backtrace, BacktraceStatus};
 use std::panic;
 
 use super::say;
-use crate::guard;
+use crate::{Error, guard};
 
 fn message(payload: &dyn Any) -> Option<&str> {
     let message = payload.downcast_ref::<&str>().copied();
     message.or_else(|| payload.downcast_ref::<String>().map(String::as_str))
 }
 
+/// The error of a panic that was caught: of a thread that the system has refused, or of a bug, which the hook has printed.
+pub fn error(payload: &dyn Any) -> Error {
+    match is_refused_thread(payload) {
+        true => {
+            Error::Host("the system refuses to start another thread (ulimit -u, or the limit of a container)".into())
+        }
+        false => Error::Bug(message(payload).unwrap_or("unknown").into()),
+    }
+}
+
 /// Is it the panic of a thread that the system has refused, of the standard library or of rayon's own pool?
-pub fn is_refused_thread(payload: &dyn Any) -> bool {
+fn is_refused_thread(payload: &dyn Any) -> bool {
     message(payload)
         .is_some_and(|text| text.contains("failed to spawn thread") || text.contains("ThreadPoolBuildError"))
 }
@@ -52,7 +62,7 @@ mod tests {
             ("The global thread pool has not been initialized.: ThreadPoolBuildError { kind: IOError }", true),
             ("index out of bounds", false),
         ] {
-            assert_eq!(is_refused_thread(&text.to_owned()), refused);
+            assert_eq!(error(&text.to_owned()).exit_code(), if refused { 76 } else { 70 });
         }
     }
 }

@@ -10,13 +10,13 @@ use crate::{Error, Result};
 
 /// All files that a command names. Files are compared, not paths: other spellings, symbolic links and hard links are
 /// detected.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub struct Paths {
     known: HashMap<FileKey, NamedFile>,
 }
 
 /// A key of a file. All names of a file share a key.
-#[derive(Debug, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
 enum FileKey {
     /// Device and inode of an existing file.
     Inode(u64, u64),

@@ -49,12 +49,21 @@ pub fn write(bytes: Vec<u8>) {
     }
 }
 
-/// A writer whose bytes go above the bars.
+/// A text whose further lines are indented, as ours are. What comes from files thus begins no line, which a scheduler could take for
+/// a report of this program (`openjd_fail: …`).
+pub(super) fn message(text: &str) -> String {
+    let mut lines = text.split('\n');
+    let first = lines.next().unwrap_or_default().to_owned();
+    lines.fold(first, |all, line| all + if line.starts_with(' ') { "\n" } else { "\\n" } + line)
+}
+
+/// A writer of messages, one at a time, that go above the bars.
 pub struct Above;
 
 impl Write for Above {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        write(bytes.to_vec());
+        let text = String::from_utf8_lossy(bytes);
+        write((message(text.strip_suffix('\n').unwrap_or(&text)) + "\n").into_bytes());
         Ok(bytes.len())
     }
 
@@ -81,5 +90,18 @@ pub fn flush() {
         if writer.send(Request::Notify(notify)).is_ok() {
             let _ = notified.recv_timeout(MAX_WAIT);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_begins_no_line() {
+        assert_eq!(
+            message("there are:\n  0  x\nopenjd_fail: y\n  1  z"),
+            "there are:\n  0  x\\nopenjd_fail: y\n  1  z"
+        );
     }
 }

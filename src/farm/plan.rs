@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::names::{printable, utf8};
 use crate::batch::frames::Frames;
 use crate::batch::numbering::numbered;
-use crate::scene::import::read_text;
+use crate::scene::import::read_own;
 use crate::{Error, Result};
 
 /// A render, whole or in parts, or a sequence of frames (flag `frames`).
@@ -213,7 +213,7 @@ impl Plan {
     /// # Errors
     /// [`Error::Missing`] and [`Error::Data`], with the file.
     pub fn read(path: &Path) -> Result<Self> {
-        let bytes = read_text(path)?;
+        let bytes = read_own(path)?;
         let bad = |why: &dyn Display| Error::Data(format!("{}: not a plan of `farm submit`: {why}", path.display()));
         let plan: serde_json::Value = serde_json::from_slice(&bytes).map_err(|e| bad(&e))?;
         if let Some(schema) = plan["schema"].as_u64().filter(|schema| *schema != u64::from(SCHEMA)) {

@@ -8,7 +8,7 @@ use std::time::{Duration, SystemTime};
 use serde::{Deserialize, Serialize};
 
 use crate::film::atomic;
-use crate::scene::import::read_text;
+use crate::scene::import::read_own;
 use crate::{Error, Result};
 
 /// Sessions of a task, which may be interrupted and requeued several times.
@@ -48,7 +48,7 @@ const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(120);
 impl Sessions {
     /// Reads a record; one that is missing or unreadable counts as never begun.
     pub fn read(path: &Path) -> Self {
-        read_text(path).ok().and_then(|bytes| serde_json::from_slice(&bytes).ok()).unwrap_or_default()
+        read_own(path).ok().and_then(|bytes| serde_json::from_slice(&bytes).ok()).unwrap_or_default()
     }
 
     /// The record at the beginning of a session: of submission `job`, with `paths` in the task's output.

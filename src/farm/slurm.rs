@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::names::{printable, utf8};
 use super::plan::{PLAN, Plan};
 use crate::film::atomic;
-use crate::scene::import::read_text;
+use crate::scene::import::read_own;
 use crate::{Error, Result};
 
 /// Resources and options of each task.
@@ -66,7 +66,9 @@ fn script(plan: &Plan, task: &TaskOptions) -> String {
     options.extend(task.minutes.map(|m| format!("--time={m}")));
     options.extend(task.others.iter().cloned());
     let options: String = options.iter().map(|o| format!("#SBATCH {o}\n")).collect();
-    format!("#!/bin/bash\n{options}exec \"${{@:2}}\" $(( ${{SLURM_ARRAY_TASK_ID:-0}} + $1 ))\n")
+    format!(
+        "#!/bin/bash\n# Written by `bismar farm submit`.\n{options}exec \"${{@:2}}\" $(( ${{SLURM_ARRAY_TASK_ID:-0}} + $1 ))\n"
+    )
 }
 
 /// Arguments of sbatch: working folder, script, and the script's arguments.
@@ -137,6 +139,9 @@ pub fn merge(plan: &Plan, number: usize, arrays: &[(Array, String)]) -> Result<V
 /// Slurm's job IDs of a plan's arrays and merges, stored in the plan's folder.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Submitted {
+    /// By which the file is known as ours.
+    #[serde(default)]
+    schema: u32,
     /// Arrays of tasks.
     pub arrays: Vec<SubmittedArray>,
     /// Job IDs of the merges, in the order of the plan.
@@ -160,7 +165,7 @@ const SUBMITTED: &str = "slurm.json";
 impl Submitted {
     /// Reads the job IDs; `None` if the plan was never submitted to Slurm.
     pub fn read(folder: &Path) -> Option<Self> {
-        read_text(&folder.join(SUBMITTED)).ok().and_then(|bytes| serde_json::from_slice(&bytes).ok())
+        read_own(&folder.join(SUBMITTED)).ok().and_then(|bytes| serde_json::from_slice(&bytes).ok())
     }
 
     /// Writes the job IDs.

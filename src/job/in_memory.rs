@@ -47,6 +47,8 @@ pub struct CameraInfo {
 pub struct LoadedScene {
     request: RenderRequest,
     inputs: Arc<Inputs>,
+    /// The files that it was made of.
+    paths: Arc<Paths>,
     loaded: Arc<Loaded>,
     /// The placed cameras and their indices in the scene.
     placed: Vec<(usize, PlacedCamera)>,
@@ -59,7 +61,9 @@ impl LoadedScene {
     /// # Errors
     /// Those of the import and of the build, and [`Error::Host`] if memory does not suffice.
     pub fn load(request: RenderRequest) -> Result<Self> {
-        let inputs = Inputs::read(&request)?;
+        let (inputs, mut paths) = (Inputs::read(&request)?, Paths::default());
+        request.declare_inputs("", &mut paths)?;
+        inputs.declare(&mut paths)?;
         session(&request, &inputs).check_memory()?;
         let mut loaded = Loaded::load(&request, &inputs, &|_, _| true)?;
         if !loaded.prepared.scene.cameras.iter().any(|camera| camera.name == Framing::NAME) {
@@ -70,7 +74,8 @@ impl LoadedScene {
                 loaded.prepared = loaded.prepared.with_camera(framed);
             }
         }
-        Ok(Self { request, inputs: inputs.into(), loaded: loaded.into(), placed: Vec::new() })
+        let (inputs, paths, loaded) = (inputs.into(), paths.into(), loaded.into());
+        Ok(Self { request, inputs, paths, loaded, placed: Vec::new() })
     }
 
     /// The scene.
@@ -162,6 +167,7 @@ impl LoadedScene {
         let picture = RenderedPicture {
             request,
             inputs: Arc::clone(&self.inputs),
+            paths: Arc::clone(&self.paths),
             loaded,
             identity,
             rendered,
@@ -212,6 +218,7 @@ pub enum Values {
 pub struct RenderedPicture {
     request: RenderRequest,
     inputs: Arc<Inputs>,
+    paths: Arc<Paths>,
     loaded: Arc<Loaded>,
     identity: Identity,
     rendered: Rendered,
@@ -318,12 +325,14 @@ impl RenderedPicture {
         resumable: bool,
         (half, colorspace): (bool, ColorSpace),
     ) -> Result<()> {
-        let mut paths = Paths::default();
+        let mut paths = Paths::clone(&self.paths);
         let mut request = self.request.clone();
         request.output = path.into();
         (request.view, request.exposure) = look;
-        request.declare("", &mut paths)?;
-        self.inputs.declare(&mut paths)?;
+        if let ViewTransform::Lut(_, path, _) = &request.view {
+            paths.reads("view", path)?;
+        }
+        paths.writes("the picture", path)?;
         let ending = path.extension().map(|ending| ending.to_ascii_lowercase()).unwrap_or_default();
         match ending.to_str() {
             Some("exr") if self.has_own_heuristic => Err(Error::Usage(format!(

@@ -220,16 +220,25 @@ impl RenderRequest {
         format!("{files} {import:?} {} {:?} {}", self.is_framed(), self.rays, self.strict)
     }
 
-    /// Declares the files that are read and written; `suffix` is appended to their description in errors.
+    /// Declares the files that are read; `suffix` is appended to their description in errors.
     ///
     /// # Errors
-    /// Those of [`Paths::writes`].
-    pub fn declare(&self, suffix: &str, paths: &mut Paths) -> Result<()> {
+    /// Those of [`Paths::reads`].
+    pub fn declare_inputs(&self, suffix: &str, paths: &mut Paths) -> Result<()> {
         paths.reads(&format!("the scene{suffix}"), &self.scene)?;
         self.env.iter().try_for_each(|path| paths.reads(&format!("--env{suffix}"), path))?;
         if let ViewTransform::Lut(_, path, _) = &self.view {
             paths.reads(&format!("--view{suffix}"), path)?;
         }
+        Ok(())
+    }
+
+    /// Declares the files that are read and written; `suffix` as in [`Self::declare_inputs`].
+    ///
+    /// # Errors
+    /// Those of [`Paths::writes`].
+    pub fn declare(&self, suffix: &str, paths: &mut Paths) -> Result<()> {
+        self.declare_inputs(suffix, paths)?;
         paths.writes(&format!("-o{suffix}"), &self.output)?;
         for (flag, path) in [("--preview", &self.preview), ("--stats", &self.stats)] {
             path.iter().try_for_each(|path| paths.writes(&format!("{flag}{suffix}"), path))?;

@@ -72,6 +72,8 @@ impl Saved {
 
 /// Version of the record and of the packed tiles. Files of other versions are not read.
 pub const FORMAT: u32 = 7;
+/// Header attribute with the seeds of a mean, in place of a record.
+const SEEDS: &str = "bismar.seeds";
 
 /// The record of a render in its picture's header: all that resuming and merging need besides the tiles.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -217,7 +219,7 @@ impl Record {
             header.push(("bismar.fingerprint".into(), json(&self.identity.bits())?));
         } else {
             let seeds: Vec<_> = self.seeds.iter().map(u32::to_string).collect();
-            header.push(("bismar.seeds".into(), HeaderValue::Text(seeds.join(","))));
+            header.push((SEEDS.into(), HeaderValue::Text(seeds.join(","))));
         }
         Ok(header)
     }
@@ -293,7 +295,13 @@ impl Earlier {
             other => other?,
         };
         let record = match number(&header, "bismar.format") {
-            None => return Err(refused("is no picture that bismar can go on from".into())),
+            None => {
+                let why = match text(&header, SEEDS) {
+                    Some(seeds) => format!("is the mean of pictures with the seeds {seeds}: use those"),
+                    None => "is no picture that bismar can go on from".into(),
+                };
+                return Err(refused(why));
+            }
             Some(format) if format != f64::from(FORMAT) => {
                 let age = if format > f64::from(FORMAT) { "a newer" } else { "an older" };
                 let why = format!("is from {age} bismar (format {format}, this one reads {FORMAT}): use that version");

@@ -16,7 +16,7 @@ use crate::batch::message::{Ended, JobMessage, Message};
 use crate::batch::queue::{Cache, each};
 use crate::batch::report::{Entry, Status};
 use crate::cli::render::command;
-use crate::console::{Paths, Signals, Verdict, host};
+use crate::console::{Paths, Signals, Verdict, host, panics};
 use crate::film::atomic;
 use crate::job::{Done, Inputs, Loaded, RenderRequest, Session, memory};
 use crate::render::Progress;
@@ -115,7 +115,7 @@ impl Worker {
         };
         let key = request.scene_key();
         let result = catch_unwind(AssertUnwindSafe(|| self.render(request, &key, began, &on_progress)))
-            .unwrap_or_else(|_| Err(Error::Bug("the job panicked; its message is above".into())));
+            .unwrap_or_else(|panic| Err(panics::error(&*panic)));
         if self.inputs.done(&request.files_key()) {
             self.latest().remove(&request.files_key());
         }

@@ -97,7 +97,7 @@ impl WorkerPool<'_> {
             Some(9) => Error::Host("its process was killed, probably because the system ran out of memory".into()),
             Some(signal) => Error::Bug(format!("its process was ended by signal {signal}")),
             None if exited.status.code() == Some(Error::Host(String::new()).exit_code().into()) => {
-                Error::Host("it ran out of memory; its message is above".into())
+                Error::Host("this host cannot do it; its message is above".into())
             }
             None => Error::Bug(format!("its process ended early, with {}", exited.status)),
         };
@@ -136,7 +136,7 @@ impl WorkerPool<'_> {
         let seen = Mutex::new((BTreeSet::new(), range.start));
         let status = lead(
             &mut command,
-            message.as_bytes(),
+            Some(message.as_bytes()),
             self.signals,
             &|line| {
                 // A dying process may leave an incomplete line.

@@ -3,16 +3,17 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 
-use crate::Result;
 use crate::film::atomic;
 use crate::film::compare::Comparison;
 
 /// What `--json` prints of a pair.
 #[derive(Serialize)]
 pub struct Report<'a> {
+    #[serde(serialize_with = "shown")]
     pub a: &'a Path,
+    #[serde(serialize_with = "shown")]
     pub b: &'a Path,
     pub reference: &'static str,
     #[serde(flatten)]
@@ -21,6 +22,11 @@ pub struct Report<'a> {
     pub max_flip: Option<f64>,
     pub max_z: Option<f64>,
     pub within: bool,
+}
+
+/// A path in JSON, as errors show it: it need not be UTF-8.
+pub fn shown<S: Serializer>(path: &Path, to: S) -> Result<S::Ok, S::Error> {
+    to.collect_str(&path.display())
 }
 
 /// Two compared pictures.
@@ -41,7 +47,7 @@ pub fn and_more(n: usize) -> String {
 ///
 /// # Errors
 /// Those of [`atomic::write`].
-pub fn write_csv(path: &Path, reports: &[Report]) -> Result<()> {
+pub fn write_csv(path: &Path, reports: &[Report]) -> crate::Result<()> {
     let quoted = |path: &Path| format!("\"{}\"", path.display().to_string().replace('"', "\"\""));
     atomic::write(path, |file| {
         writeln!(file, "a,b,width,height,rel_mse,rmse,mae,flip,bias_r,bias_g,bias_b,z_r,z_g,z_b,within")?;

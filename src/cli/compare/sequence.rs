@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use super::report::{Pair, Report, and_more, short};
+use super::report::{Pair, Report, and_more, short, shown};
 use crate::batch::numbering::{numbered, present};
 use crate::console::say;
 use crate::{Error, Result};
@@ -46,7 +46,9 @@ pub fn worst(pairs: &[Pair]) -> usize {
 /// What `--json` prints of two sequences.
 #[derive(Serialize)]
 pub struct Sequence<'a> {
+    #[serde(serialize_with = "shown")]
     pub a: &'a Path,
+    #[serde(serialize_with = "shown")]
     pub b: &'a Path,
     pub reference: &'static str,
     pub worst_frame: u32,

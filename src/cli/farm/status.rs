@@ -3,7 +3,6 @@
 use std::collections::HashMap;
 use std::ffi::OsString;
 use std::fmt::Display;
-use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -19,6 +18,7 @@ use crate::farm::slurm::Submitted;
 use crate::farm::{PLAN, Plan};
 use crate::job::{Inputs, RenderRequest, Session};
 use crate::render::checkpoint::Earlier;
+use crate::scene::import::read_own;
 use crate::{Error, Result};
 
 /// Show the progress of a submitted plan.
@@ -188,7 +188,7 @@ impl Inspector<'_> {
             // The record of an earlier submission is ignored.
             .filter(|s| self.submitted.is_none_or(|submitted| s.job.is_empty() || submitted.contains(&s.job)))
             .unwrap_or_default();
-        let log = fs::read(log).unwrap_or_default();
+        let log = read_own(log).unwrap_or_default();
         let log = String::from_utf8_lossy(log.get(sessions.log as usize..).unwrap_or_default()).into_owned();
         let (contents, why) = self.contents(request);
         let begun = sessions.begun > 0 || matches!(contents, Contents::Some(_));

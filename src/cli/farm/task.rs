@@ -18,6 +18,7 @@ use crate::farm::Plan;
 use crate::farm::array::array_task;
 use crate::farm::sessions::{HEARTBEAT, HELD, INTERRUPTED, Sessions, record_path};
 use crate::film::atomic;
+use crate::film::lock::claim;
 use crate::render::checkpoint::Earlier;
 use crate::{Error, Result};
 
@@ -51,6 +52,13 @@ pub fn run(args: &TaskArgs) -> Result<Verdict> {
     let plan = Plan::read(&args.plan)?;
     let (command, outputs) = plan.command(args.number, args.merge)?;
     let path = plan.log(args.number, args.merge);
+    atomic::confine(std::slice::from_ref(&plan.folder));
+    let record = record_path(&path);
+    for own in outputs.iter().chain([&path, &record]).filter(|output| output.starts_with(&plan.folder)) {
+        atomic::create_folder(own)?;
+    }
+    // Another session of this task may still run.
+    let _claim = claim(&record)?;
     let cannot = |e| Error::CannotCreate(format!("{}: cannot write: {e}", path.display()));
     let log = atomic::open_guessable(File::options().create(true).read(true).append(true), &path).map_err(cannot)?;
     let log_start = log.metadata().map_or(0, |meta| meta.len());
@@ -61,10 +69,10 @@ pub fn run(args: &TaskArgs) -> Result<Verdict> {
     if !args.merge {
         process.arg("--led");
     }
-    let record = record_path(&path);
     let job = [variable("SLURM_ARRAY_JOB_ID"), variable("SLURM_JOB_ID")].into_iter().flatten().next();
     let sessions = Sessions::read(&record).begin(&job.unwrap_or_default(), &host(), paths(&outputs), log_start);
-    let mut session = Session { sessions, record, log, outputs, retries_memory: plan.retries_memory };
+    let (retries_memory, is_led) = (plan.retries_memory, !args.merge);
+    let mut session = Session { sessions, record, log, outputs, retries_memory, is_led };
     let code = session.run(&mut process, &signals).unwrap_or_else(|error| {
         let _ = writeln!(session.log, "error: {error}");
         error.exit_code()
@@ -80,6 +88,8 @@ struct Session {
     log: File,
     outputs: Vec<PathBuf>,
     retries_memory: bool,
+    /// Whether the command listens to this process.
+    is_led: bool,
 }
 
 impl Session {
@@ -88,7 +98,7 @@ impl Session {
         self.sessions.check_progress()?;
         self.sessions.write(&self.record)?;
         let mut last_beat = Instant::now();
-        let status = lead(process, &[], signals, &|_| (), &mut || {
+        let status = lead(process, self.is_led.then_some(&[]), signals, &|_| (), &mut || {
             if last_beat.elapsed() > HEARTBEAT {
                 last_beat = Instant::now();
                 Sessions::heartbeat(&self.record);

@@ -11,7 +11,7 @@ use tempfile::NamedTempFile;
 
 use super::destination::{Destination, SUFFIX, cannot_create, is_confined, may_replace, temporary_prefix};
 pub use super::destination::{
-    OF_A_PLAN, begin_command, check_below, check_folder, confine, create_folder, named, open_guessable,
+    OF_A_PLAN, begin_command, check_below, check_folder, command, confine, create_folder, named, open_guessable,
 };
 use super::lock;
 use crate::{Error, Result};

@@ -1,5 +1,6 @@
 //! Destinations of outputs, and the names of temporary files next to them.
 
+use std::cell::RefCell;
 use std::collections::HashSet;
 use std::ffi::OsString;
 use std::fs::{self, File, OpenOptions};
@@ -17,16 +18,33 @@ use crate::{Error, Result};
 static RULE: Mutex<Option<Rule>> = Mutex::new(None);
 static IS_COMMAND: AtomicBool = AtomicBool::new(false);
 
+thread_local! {
+    /// The rule of the command that this thread does for a library's caller.
+    static OWN_RULE: RefCell<Option<Rule>> = const { RefCell::new(None) };
+}
+
 /// Set for the command that a plan holds: nobody has typed its outputs.
 pub const OF_A_PLAN: &str = "BISMAR_OF_A_PLAN";
 
-/// This process runs one command, for which [`confine`] and [`named`] hold. In a library, where one call would confine the next,
-/// every path counts as named.
+/// This process runs one command, for which [`confine`] and [`named`] hold. In a library, every path that a caller gives counts as
+/// named; [`command`] is for a whole command.
 pub fn begin_command() {
     IS_COMMAND.store(true, Ordering::Relaxed);
     if is_of_a_plan() {
         confine(&[]);
     }
+}
+
+/// Does a command's work on this thread, for which [`confine`] and [`named`] hold until it ends.
+pub fn command<T>(work: impl FnOnce() -> T) -> T {
+    struct End(Option<Rule>);
+    impl Drop for End {
+        fn drop(&mut self) {
+            OWN_RULE.set(self.0.take());
+        }
+    }
+    let _end = End(OWN_RULE.replace(Some(Rule::default())));
+    work()
 }
 
 fn is_of_a_plan() -> bool {
@@ -42,7 +60,10 @@ struct Rule {
 }
 
 fn rule<T>(with: impl FnOnce(&mut Option<Rule>) -> T) -> T {
-    with(&mut RULE.lock().unwrap_or_else(PoisonError::into_inner))
+    OWN_RULE.with_borrow_mut(|own| match own {
+        Some(_) => with(own),
+        None => with(&mut RULE.lock().unwrap_or_else(PoisonError::into_inner)),
+    })
 }
 
 /// From now on, an output of this process that its command line does not [name](named()) is written only below one of `folders`
@@ -63,7 +84,8 @@ pub fn named(path: &Path) {
 /// Is this output one that the command line does not name?
 pub(super) fn is_confined(path: &Path) -> bool {
     let path = std::path::absolute(path).unwrap_or_else(|_| path.into());
-    IS_COMMAND.load(Ordering::Relaxed) && rule(|rule| rule.as_ref().is_some_and(|rule| !rule.named.contains(&path)))
+    let is_command = IS_COMMAND.load(Ordering::Relaxed) || OWN_RULE.with_borrow(Option::is_some);
+    is_command && rule(|rule| rule.as_ref().is_some_and(|rule| !rule.named.contains(&path)))
 }
 
 /// Opens a file of ours whose name others can guess: never through a link, and no pipe that would wait for a reader.
@@ -179,6 +201,7 @@ impl Destination {
             }
             Ok(meta) if !meta.is_file() => return Ok(Destination::Device),
             Ok(_) => path.canonicalize().map_err(|e| cannot_create(path, &e))?,
+            Err(e) if e.kind() == ErrorKind::InvalidFilename => return Err(cannot_create(path, &e)),
             Err(_) => followed(path)?,
         };
         if target.file_name().is_none() {

@@ -24,7 +24,7 @@ use serde_json::Value;
 pub use environment::{EnvironmentFile, EnvironmentSize, environment};
 pub use options::{ImportOptions, Pose, Shutter, Views};
 pub use report::{ImportReport, Note, NoteKind, SceneCounts};
-pub use source::{Census, STANDARD_INPUT, Survey, read_regular, read_text};
+pub use source::{Census, STANDARD_INPUT, Survey, read_own, read_regular, read_text};
 pub use summary::{Summary, summary};
 
 use report::Notes;

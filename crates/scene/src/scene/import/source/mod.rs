@@ -24,7 +24,7 @@ use input::Input;
 pub use input::STANDARD_INPUT;
 use reach::Reach;
 use read::{open_regular, refuse_pointer};
-pub use read::{read_regular, read_text};
+pub use read::{read_own, read_regular, read_text};
 pub use survey::Survey;
 use uri::Resource;
 

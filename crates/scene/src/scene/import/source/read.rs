@@ -51,12 +51,22 @@ pub fn read_regular(path: &Path, limit: u64) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
+/// Most bytes of a text.
+const MOST: u64 = 1 << 30;
+
+/// Reads a text that this program has written under a name that others can guess: never from a pipe, which would wait for a writer.
+///
+/// # Errors
+/// Those of [`read_regular`].
+pub fn read_own(path: &Path) -> Result<Vec<u8>> {
+    read_regular(path, MOST)
+}
+
 /// Reads a text of some program: from a file or a pipe, of at most 1 GiB.
 ///
 /// # Errors
 /// [`Error::reading`]; [`Error::Data`] for a device, which may have no end, and for one that is longer.
 pub fn read_text(path: &Path) -> Result<Vec<u8>> {
-    const MOST: u64 = 1 << 30;
     let reading = |e| Error::reading(path, &e);
     let kind = std::fs::metadata(path).map_err(reading)?.file_type();
     let mut bytes = Vec::new();
