@@ -69,7 +69,7 @@ fn pixels_that_share_paths_have_the_mean_of_those_that_do_not() {
         pane.clone(),
         Material { absorption: Vec3::new(2.0, 0.5, 1.0), dispersion: 2.0, bounds_medium: true, ..pane },
     ];
-    let modes = ["2", "4", "16", "16:4", "8:1"];
+    let modes = ["2", "4", "16", "64:16", "8:1"];
     const REPLICAS: u32 = 100;
     let limit = z_limit(surfaces.len() * modes.len());
     for (surface, backend) in surfaces.into_iter().zip([Backend::Embree, Backend::Obvhs].into_iter().cycle()) {

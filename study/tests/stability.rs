@@ -9,7 +9,7 @@ use bismar::render::{Choice, render};
 use bismar_study::stability::judge::{FALSE_ALARM, Verdict, z_limit};
 use bismar_study::stability::page::write;
 use bismar_study::stability::simulate::Subject;
-use bismar_study::stability::{Found, Results, guiding, measure};
+use bismar_study::stability::{Found, Results, guiding, measure, sharing};
 use serde_json::Value;
 use statrs::distribution::{ContinuousCDF, Normal};
 
@@ -72,10 +72,11 @@ fn tables_name_every_mode_and_estimator() {
     let balance = Some(measure(1000, Some(20), &stop, &mut || Ok(())).unwrap());
     let guiding = Some(guiding::measure(20, &stop, &mut || Ok(())).unwrap());
     let folder = tempfile::tempdir().unwrap();
-    write(folder.path(), &Found { balance, guiding }).unwrap();
+    let path_reuse = Some(sharing::measure(20, &stop, &mut || Ok(())).unwrap());
+    write(folder.path(), &Found { balance, guiding, path_reuse }).unwrap();
     let read = |name: &str| fs::read_to_string(folder.path().join(name)).unwrap();
     let text = read("stability.md");
-    for mode in (1..=23).map(|i| format!("| F{i} ")) {
+    for mode in (1..=29).map(|i| format!("| F{i} ")) {
         assert!(text.contains(&mode), "{mode} in\n{text}");
     }
     let json: Value = serde_json::from_str(&read("stability.json")).unwrap();
@@ -102,6 +103,17 @@ fn guiding_moves_no_mean_and_as_its_pilot_decides_no_pixel_is_worse_for_sure() {
         // A light that was never seen, and a firefly, are worse than no field at all: what they are there for.
         assert!(!mode.adversarial || on.outcome.mean_ratio > 1.5, "{} {}: {on:?}", mode.mode, mode.name);
     }
+}
+
+#[test]
+fn what_is_lent_moves_no_mean() {
+    let results = sharing::measure(1000, &AtomicBool::new(false), &mut || Ok(())).unwrap();
+    let wrong: Vec<_> = results.wrong().iter().map(|(e, m)| format!("{e} {}", m.mode)).collect();
+    assert!(wrong.is_empty(), "{wrong:?}");
+    // A firefly is divided among its borrowers, never multiplied.
+    let firefly = results.modes.iter().find(|mode| mode.mode == "F27").unwrap();
+    let all = firefly.outcomes.iter().find(|outcome| outcome.estimator == "16").unwrap();
+    assert!(results.verdict(firefly, all) == Verdict::Survives, "{all:?}");
 }
 
 #[test]

@@ -23,7 +23,7 @@ use super::super::techniques::{Choice, MIN_AUTO_PATHS, Technique};
 use super::super::tile::{TILE, Tile};
 use super::effort::{
     self, ALLOCATION_PIXELS_PER_TILE, CAMERA_RAY_COST, FIRST_ALLOCATION_PIXELS_PER_TILE, MAX_ALLOCATION_PIXELS,
-    MAX_REMAINING_ALLOCATED, MAX_REMAINING_AT_FIRST_STEP, MAX_REMAINING_BY_EMISSION_RAYS,
+    MAX_REMAINING_ALLOCATED, MAX_REMAINING_BY_EMISSION_RAYS, MAX_REMAINING_PROMISING,
 };
 use super::rounds::Decided;
 use super::visible_emission::VisibleEmission;
@@ -169,7 +169,7 @@ impl Allocation {
         let first = step(0..FIRST_ALLOCATION_PIXELS_PER_TILE)?;
         let (found, by_counts) = of(first.clone());
         debug!("the first step of the allocation leaves {by_counts:.3}");
-        if settings.techniques[Technique::Adaptive] == Choice::Auto && by_counts > MAX_REMAINING_AT_FIRST_STEP {
+        if settings.techniques[Technique::Adaptive] == Choice::Auto && by_counts > MAX_REMAINING_PROMISING {
             return Some(found);
         }
         let more = step(FIRST_ALLOCATION_PIXELS_PER_TILE..all)?;
@@ -211,12 +211,6 @@ impl Allocation {
             && settings.asks_for(Technique::Adaptive)
             && settings.spp > shorter.spp
     }
-}
-
-/// Cost of the paths of a wave, in rays beyond the camera's. What is counted does not depend on the machine or its load.
-fn cost(counts: &WaveCounts) -> f64 {
-    let beyond = counts.first_bounce_rays + counts.later_bounce_rays + counts.shadow_rays;
-    CAMERA_RAY_COST * counts.camera_rays as f64 + beyond as f64
 }
 
 /// Sampled pixels of a whole tile.
@@ -272,7 +266,7 @@ fn survey(
         pixels: pixels as f64,
         variance,
         sampled: [n.div_ceil(2), n / 2],
-        cost: cost(&wave.counts) / f64::from(2 * PATHS_PER_SCRAMBLE),
+        cost: effort::cost(&wave.counts) / f64::from(2 * PATHS_PER_SCRAMBLE),
         scattered,
         ..Default::default()
     }

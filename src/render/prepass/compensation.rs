@@ -10,7 +10,7 @@ use tracing::debug;
 use super::super::RenderSettings;
 use super::super::decisions::TechniqueStats;
 use super::super::techniques::{Choice, Technique};
-use super::effort::{self, MAX_REMAINING_COMPENSATED};
+use super::effort;
 use super::low_resolution::low_resolution;
 use super::rounds::{Decided, Round, RoundPixel, Wanted, trace};
 use crate::film::compare::{relative_to, sums_without_outliers};
@@ -66,7 +66,7 @@ impl Compensation {
             "the environment's compensated density leaves {remaining:.2} of the variance, by {width} x {height} pixels"
         );
         Some(Self(TechniqueStats {
-            on: remaining < MAX_REMAINING_COMPENSATED,
+            on: remaining < effort::MAX_REMAINING_PROMISING,
             // Infinite where nothing varies.
             remaining: Some(if remaining.is_finite() { remaining } else { 1.0 }),
             seconds: began.elapsed().as_secs_f64(),

@@ -3,6 +3,7 @@
 use std::time::Instant;
 
 use super::super::RenderSettings;
+use crate::integrator::WaveCounts;
 
 /// Pixels of a pre-pass at low resolution.
 #[derive(Debug, Clone, Copy)]
@@ -32,7 +33,7 @@ pub const MAX_ALLOCATION_PIXELS: usize = 1 << 14;
 /// See [`MAX_ALLOCATION_PIXELS`].
 pub const ALLOCATION_PIXELS_PER_TILE: [usize; 2] = [32, 128];
 /// Sampled pixels of a tile in the allocation's first step. With `auto` there is a second step only where the first is promising
-/// ([`MAX_REMAINING_AT_FIRST_STEP`]).
+/// ([`MAX_REMAINING_PROMISING`]).
 pub const FIRST_ALLOCATION_PIXELS_PER_TILE: usize = 12;
 
 /// Maximum seconds of a pre-pass over those of a time limit.
@@ -43,46 +44,41 @@ pub fn is_late(settings: &RenderSettings, began: Instant) -> bool {
     settings.time.is_some_and(|time| began.elapsed().as_secs_f64() > MAX_TIME_SHARE * time)
 }
 
-/// The compensated density is used where at most this fraction of the variance remains.
-pub const MAX_REMAINING_COMPENSATED: f64 = 0.97;
-/// Area lights are chosen by what was learned where at most this fraction of the variance remains, by the last round: the longer
-/// traversal of the light tree takes time.
+/// A first estimate is promising up to this fraction: it varies by about three per cent. The limit bounds what is spent where
+/// nothing can be gained. The compensated density costs nothing more, and is used where it is promising.
+pub const MAX_REMAINING_PROMISING: f64 = 0.97;
+/// Of the variance with learned lights: bounds the time of the longer traversal of the light tree, which rays do not tell.
 pub const MAX_REMAINING_LEARNED_LIGHTS: f64 = 0.9;
-/// Learning about lights continues after the second round if at most this fraction remains: what one path per pixel has taught is
-/// too little to estimate the gain.
-pub const MAX_REMAINING_AT_FIRST_ROUND: f64 = 0.97;
-/// Paths are guided if at most this fraction of variance times rays remains after the last round: a guided ray takes longer, and
-/// smooth light loses the benefit of stratified points. Where 0.5 to 0.62 was estimated, guiding left 0.6 to 0.8 of error times
-/// CPU seconds; where 0.66 to 0.72 was, 1.0 to 1.4.
-pub const MAX_REMAINING_GUIDED: f32 = 0.6;
-/// The same where the pre-pass ended with fewer training samples than suffice: rare light makes the estimate uncertain.
-pub const MAX_REMAINING_GUIDED_BY_FEW: f32 = 0.45;
-/// Guided and unguided paths are compared by rendering both if more than this fraction remains after the last round. In rooms
-/// with less, guiding left at most 0.3.
-pub const MAX_REMAINING_CERTAIN: f32 = 0.2;
-/// Paths are then guided if the comparison leaves at most this fraction of variance times rays: a guided ray takes 1.2 to 1.6
-/// times as long. Rooms that gain had 0.19 to 0.59; one behind open blinds, which loses, 0.64 to 0.74, cornell and webxr_camp 0.77
-/// to 1.2.
-pub const MAX_REMAINING_COMPARED: f32 = 0.6;
-/// Learning for guiding continues after the second round if at most this fraction remains. Certain estimates of rooms
-/// that gain were at most 0.57; webxr_camp and cornell, which lose, had 0.63 to 0.75, and later estimates are too low there.
-pub const MAX_REMAINING_AT_FIRST_DECISION: f32 = 0.62;
-/// The same where the relative standard error of the second moment exceeds [`UNCERTAIN_STANDARD_ERROR`]. In rooms with lamps in
-/// shades the first estimates were 0.3 to 0.72, the last ones 0.2 to 0.4. Elsewhere 0.67 to 0.73 became 0.5 to 0.57, and guiding
-/// left 1.06 to 1.1 of error times CPU seconds.
-pub const MAX_REMAINING_UNCERTAIN: f32 = 0.75;
-/// See [`MAX_REMAINING_UNCERTAIN`].
-pub const UNCERTAIN_STANDARD_ERROR: f32 = 0.1;
-/// Learning continues after the third round if at most this fraction remains. With lamps in shades it was up to 0.56, behind
-/// blinds up to 0.65; where the second round was wrong it was 0.8 to 0.9.
-pub const MAX_REMAINING_AT_SECOND_DECISION: f32 = 0.7;
-/// All tiles get the same number of paths where more than this fraction of error times cost would remain.
+/// Of error times cost with paths of each tile's own: bounds what is lost where the sampled pixels are wrong about a tile.
 pub const MAX_REMAINING_ALLOCATED: f64 = 0.95;
-/// The same after the allocation's first step: few pixels tell tiles apart badly, which makes the estimate too high.
-pub const MAX_REMAINING_AT_FIRST_STEP: f64 = 0.97;
-/// Emission gets no camera rays of its own where more than this fraction of error times cost would remain.
+/// Of error times cost with camera rays for emission, whose error and cost are known well.
 pub const MAX_REMAINING_BY_EMISSION_RAYS: f64 = 0.99;
+/// Of error times cost with shared paths: bounds the time of groups that rays do not tell, and that a picture's points are better
+/// stratified than those of a few paths.
+pub const MAX_REMAINING_SHARED: f64 = 0.8;
+/// Of variance times rays with guided paths, by the last estimate and by rendering both ways: bounds the time of a guided ray, up
+/// to 1.6 times that of another one.
+pub const MAX_REMAINING_GUIDED: f32 = 0.6;
+/// The same where the pre-pass ended with fewer training samples than suffice: bounds the error of an estimate by rare light.
+pub const MAX_REMAINING_GUIDED_BY_FEW: f32 = 0.45;
+/// Up to this fraction guided and unguided paths are not compared by rendering both. The comparison differs from the estimate in
+/// what stratified points gain without a field: a factor of three at most.
+pub const MAX_REMAINING_CERTAIN: f32 = 0.2;
+/// Learning for guiding goes on up to this fraction: bounds what later estimates fall by. The second number is for estimates after
+/// the third round, and for those whose second moment has a relative standard error above [`UNCERTAIN_STANDARD_ERROR`].
+pub const MAX_REMAINING_LEARNING: [f32; 2] = [0.62, 0.75];
+/// See [`MAX_REMAINING_LEARNING`].
+pub const UNCERTAIN_STANDARD_ERROR: f32 = 0.1;
 
 /// Cost of a camera ray over that of a ray of a later bounce or of a shadow ray: camera rays are coherent, and those that meet
 /// nothing are not shaded. Fitted to CPU times of pictures with and without an allocation.
 pub const CAMERA_RAY_COST: f64 = 0.3;
+/// Cost of a visibility ray between two surfaces that share paths, with the evaluation of both, over the same: these rays are
+/// short, and eight lie together.
+pub const SHARED_RAY_COST: f64 = 0.25;
+
+/// Cost of the paths of a wave, in rays beyond the camera's. What is counted does not depend on the machine or its load.
+pub fn cost(counts: &WaveCounts) -> f64 {
+    let beyond = counts.first_bounce_rays + counts.later_bounce_rays + counts.shadow_rays;
+    CAMERA_RAY_COST * counts.camera_rays as f64 + beyond as f64 - (1.0 - SHARED_RAY_COST) * counts.shared_rays as f64
+}

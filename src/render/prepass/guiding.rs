@@ -182,9 +182,11 @@ impl Learner for GuidingLearner {
             let most = match (last, suffices) {
                 (true, true) => effort::MAX_REMAINING_GUIDED,
                 (true, false) => effort::MAX_REMAINING_GUIDED_BY_FEW,
-                _ if round.number > FIRST_DECISION_ROUND => effort::MAX_REMAINING_AT_SECOND_DECISION,
-                _ if gain.standard_error > effort::UNCERTAIN_STANDARD_ERROR => effort::MAX_REMAINING_UNCERTAIN,
-                _ => effort::MAX_REMAINING_AT_FIRST_DECISION,
+                _ => {
+                    let certain = gain.standard_error <= effort::UNCERTAIN_STANDARD_ERROR;
+                    let later = round.number > FIRST_DECISION_ROUND;
+                    effort::MAX_REMAINING_LEARNING[usize::from(later || !certain)]
+                }
             };
             if !self.always && remaining > most && (last || !few) {
                 return self.finish_with(None);
@@ -212,7 +214,7 @@ impl Learner for GuidingLearner {
         if let Some(Compared { variance, rays }) = comparison::compare(settings, &guided, unguided, stopped) {
             let remaining = self.set_efficiency([variance, rays].map(|v| v as f32));
             debug!("compared with unguided paths: {:?}", self.stats);
-            if remaining > effort::MAX_REMAINING_COMPARED {
+            if remaining > effort::MAX_REMAINING_GUIDED {
                 self.field = None;
             }
         }

@@ -119,8 +119,7 @@ impl Learner for LightsLearner<'_> {
             let lights = self.learned();
             let remaining = lights.map_or(1.0, |lights| self.relative_variance_with(&lights, round));
             self.stats.remaining = Some(remaining);
-            let most =
-                if is_last { effort::MAX_REMAINING_LEARNED_LIGHTS } else { effort::MAX_REMAINING_AT_FIRST_ROUND };
+            let most = if is_last { effort::MAX_REMAINING_LEARNED_LIGHTS } else { effort::MAX_REMAINING_PROMISING };
             if remaining >= most && !self.always {
                 return self.finish_with(None);
             }

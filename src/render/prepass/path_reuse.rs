@@ -25,12 +25,6 @@ const PATHS: u32 = 4;
 const TILES: (f64, [f64; 2]) = (128.0, [8.0, 32.0]);
 /// Side in pixels of the blocks by whose mean errors are divided: a few paths do not estimate that of a pixel.
 const BLOCK: u32 = 4;
-/// Cost of a visibility ray between two surfaces over that of other rays, with the evaluation of both: these rays are short, and
-/// eight lie together. Fitted to CPU times.
-const SHARED_RAY_COST: f64 = 0.6;
-/// Maximum fraction of error times cost, by the estimate, with which paths are shared: groups take time that rays do not tell,
-/// and the picture's points are better stratified than those of a few paths.
-const MAX_REMAINING: f64 = 0.8;
 /// Standard errors by which a way must gain, and by which the first step may be wrong.
 const STANDARD_ERRORS: f64 = 1.28;
 /// One pixel of this number has at most the error of the next: with few paths the largest errors are mostly chance.
@@ -92,13 +86,15 @@ impl PathReuse {
         let first = compare(transport, settings, first_step, &[None, usual], stopped)?[0];
         debug!("path re-use by {usual:?}: {first:?}");
         let (mut remaining, mut sizes) = (first.remaining, None);
-        if first.remaining < MAX_REMAINING * (STANDARD_ERRORS * first.standard_error).exp() {
+        if first.remaining < effort::MAX_REMAINING_SHARED * (STANDARD_ERRORS * first.standard_error).exp() {
             let found = compare(transport, settings, second_step, &[None, usual, more], stopped)?;
             debug!("path re-use by {usual:?} and {more:?}: {found:?}");
             let (best, way) =
                 if found[0].remaining < found[1].remaining { (found[0], usual) } else { (found[1], more) };
             remaining = best.remaining;
-            sizes = way.filter(|_| best.remaining * (STANDARD_ERRORS * best.standard_error).exp() < MAX_REMAINING);
+            sizes = way.filter(|_| {
+                best.remaining * (STANDARD_ERRORS * best.standard_error).exp() < effort::MAX_REMAINING_SHARED
+            });
         }
         let (on, seconds) = (sizes.is_some(), began.elapsed().as_secs_f64());
         Some(Self { stats: TechniqueStats { on, sizes, remaining: Some(remaining), seconds, ..Default::default() } })
@@ -146,8 +142,7 @@ fn errors(transport: &Transport, settings: &RenderSettings, position: [u32; 2], 
         let transport =
             Transport { seed, proposal: Proposal { reuse: way, ..transport.proposal }, ..transport.clone() };
         let mut tile = Tile::new(position, width, height, Columns { groups: 0, ..settings.columns() });
-        let counts = tile.pass(&transport, settings, PATHS, false).counts;
-        let cost = counts.rays() as f64 - (1.0 - SHARED_RAY_COST) * counts.shared_rays as f64;
+        let cost = effort::cost(&tile.pass(&transport, settings, PATHS, false).counts);
         (tile.stats.iter().map(|stats| stats.mean()).collect::<Vec<_>>(), cost)
     };
     let found: Vec<_> = ways.iter().map(|way| [0, 1].map(|number| scramble(*way, number))).collect();

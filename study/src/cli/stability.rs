@@ -8,9 +8,9 @@ use bismar::{Error, Result};
 use clap::{Args, ValueEnum};
 
 use super::common::{PAGE, RunArgs, open, progress};
-use crate::stability::{self, Found, guiding, page};
+use crate::stability::{self, Found, guiding, page, sharing};
 
-/// Test every --balance and path guiding in the known failure modes of such methods.
+/// Test every --balance, path guiding and path re-use in the known failure modes of such methods.
 ///
 /// Writes report.html, stability.md (a table of methods and failure modes) and stability.json. Means are tested against the
 /// exact values, and variances per pixel against half; estimators that are wrong on purpose verify both tests. The exit code
@@ -41,6 +41,8 @@ enum Methods {
     Balance,
     /// --guiding: F19 to F23
     Guiding,
+    /// --path-reuse: F26 to F29
+    PathReuse,
 }
 
 pub(super) fn run(args: &StabilityArgs, verbosity: Verbosity) -> Result<Verdict> {
@@ -50,7 +52,8 @@ pub(super) fn run(args: &StabilityArgs, verbosity: Verbosity) -> Result<Verdict>
     let included = |methods| args.only.is_none_or(|only| only == methods);
     let balance_steps = if included(Methods::Balance) { stability::steps(true) } else { 0 };
     let guiding_steps = if included(Methods::Guiding) { guiding::steps() } else { 0 };
-    let (start, all) = (Instant::now(), (balance_steps + guiding_steps) as f64);
+    let reuse_steps = if included(Methods::PathReuse) { sharing::steps() } else { 0 };
+    let (start, all) = (Instant::now(), (balance_steps + guiding_steps + reuse_steps) as f64);
     let mut steps = 0.0;
     let mut done = || {
         steps += 1.0;
@@ -66,13 +69,15 @@ pub(super) fn run(args: &StabilityArgs, verbosity: Verbosity) -> Result<Verdict>
         if included(Methods::Guiding) {
             found.guiding = Some(guiding::measure(replicas, &signals.stop, &mut done)?);
         }
+        if included(Methods::PathReuse) {
+            found.path_reuse = Some(sharing::measure(replicas, &signals.stop, &mut done)?);
+        }
         Ok(found)
     };
     let found = measure().inspect_err(|_| reporter.finish(false))?;
     reporter.finish(true);
     page::write(&args.out, &found)?;
-    let tables = [found.balance.as_ref().map(page::survival), found.guiding.as_ref().map(guiding::page::survival)];
-    for table in tables.iter().flatten() {
+    for table in page::survival(&found) {
         print(table.markdown().trim_end())?;
     }
     if !verbosity.quiet {

@@ -13,6 +13,7 @@ pub mod judge;
 pub mod page;
 pub mod renders;
 pub mod scenes;
+pub mod sharing;
 pub mod simulate;
 mod tables;
 
@@ -32,7 +33,7 @@ use simulate::{Subject, replica};
 /// A failure mode and the results of the estimators in it.
 #[derive(Debug, Clone, Serialize)]
 pub struct ModeResult {
-    /// F1 … F18, F24, F25.
+    /// F1 … F18, F24 … F29.
     pub mode: &'static str,
     pub name: &'static str,
     /// Description of the case.
@@ -94,23 +95,30 @@ pub struct Found {
     pub balance: Option<Results>,
     /// F19 … F23.
     pub guiding: Option<guiding::Results>,
+    /// F26 … F29.
+    pub path_reuse: Option<Results>,
 }
 
 impl Found {
+    /// Results without those of guiding, which have a form of their own.
+    fn of_balances(&self) -> impl Iterator<Item = &Results> {
+        self.balance.iter().chain(&self.path_reuse)
+    }
+
     /// Number of replicas per estimator and mode.
     pub fn replicas(&self) -> u32 {
         let guiding = || self.guiding.as_ref().map_or(0, |r| r.replicas);
-        self.balance.as_ref().map_or_else(guiding, Results::replicas)
+        self.of_balances().next().map_or_else(guiding, Results::replicas)
     }
 
     pub fn controls(&self) -> impl Iterator<Item = &Control> {
-        let of_balance = self.balance.iter().flat_map(|r| &r.controls);
+        let of_balance = self.of_balances().flat_map(|r| &r.controls);
         of_balance.chain(self.guiding.iter().flat_map(|r| &r.controls))
     }
 
     /// Estimator, mode and name of the mode for each wrong mean or value that is not finite.
     pub fn wrong(&self) -> Vec<(&str, &str, &str)> {
-        let of_balance = self.balance.iter().flat_map(Results::wrong).map(|(estimator, m)| (estimator, m.mode, m.name));
+        let of_balance = self.of_balances().flat_map(Results::wrong).map(|(estimator, m)| (estimator, m.mode, m.name));
         let of_guiding =
             self.guiding.iter().flat_map(guiding::Results::wrong).map(|(estimator, m)| (estimator, m.mode, m.name));
         of_balance.chain(of_guiding).collect()
@@ -144,8 +152,9 @@ pub fn measure(
         modes.push(ModeResult { mode, name, construct, rendered, paths, replicas, bar, best, outcomes });
     }
     if let Some(replicas) = scene_replicas {
+        let estimators: Vec<_> = Balance::all().iter().map(|balance| (*balance).into()).collect();
         for case in scenes::scene_cases()? {
-            let outcomes = case.outcomes(Balance::all(), replicas, stop, done)?;
+            let outcomes = case.outcomes(&estimators, replicas, stop, done)?;
             let (mode, name, construct, paths) = (case.mode, case.name, case.construct, scenes::PATHS);
             let (rendered, bar, best) = (true, cases::BAR, None);
             modes.push(ModeResult { mode, name, construct, rendered, paths, replicas, bar, best, outcomes });

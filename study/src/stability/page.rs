@@ -9,7 +9,7 @@ use super::judge::{Outcome, Verdict};
 use super::scenes::OTHER_SEEDS;
 use super::simulate::Subject;
 use super::tables::{Part, by_mode, controls, failures, faint, judged, largest_z, marked, ratio};
-use super::{Found, ModeResult, Results, guiding};
+use super::{Found, ModeResult, Results, guiding, sharing};
 use crate::files;
 use crate::provenance::Provenance;
 use crate::report::{Cell, Columns, Page, Table};
@@ -17,13 +17,23 @@ use crate::report::{Cell, Columns, Page, Table};
 /// Version of the JSON. It rises when a field changes its meaning or is removed.
 const SCHEMA: u32 = 1;
 
-/// [`by_mode`] for the estimators of the balance.
-fn balances<'a, C: Into<Cell>>(
+/// Names of the estimators of the balance.
+fn balances() -> Vec<String> {
+    Subject::shown().into_iter().map(Subject::name).collect()
+}
+
+/// Names of the sizes of groups.
+fn groups() -> Vec<String> {
+    sharing::estimators().map(|estimator| estimator.name).into()
+}
+
+/// [`by_mode`] for estimators of these names.
+fn by_estimator<'a, C: Into<Cell>>(
     results: &'a Results,
+    names: &[String],
     cell: impl Fn(&'a ModeResult, &'a Outcome) -> C,
 ) -> Columns<'a, ModeResult> {
-    let names: Vec<_> = Subject::shown().into_iter().map(Subject::name).collect();
-    by_mode(&results.modes, name_of, &names, |mode, name| {
+    by_mode(&results.modes, name_of, names, |mode, name| {
         mode.outcomes.iter().find(|o| o.estimator == name).map(|o| cell(mode, o))
     })
 }
@@ -33,16 +43,24 @@ fn name_of(mode: &ModeResult) -> String {
 }
 
 /// The worst pixel and channel of each mode and estimator, and the number of failures of each estimator.
-pub fn survival(results: &Results) -> Table {
-    let table = balances(results, |m, o| judged(o, m.bar, results.verdict(m, o)));
+fn survival_of(results: &Results, names: &[String]) -> Table {
+    let table = by_estimator(results, names, |m, o| judged(o, m.bar, results.verdict(m, o)));
     let mut table = table.column("bar", "largest variance ratio that survives", |m| faint(ratio(m.bar))).end();
-    let of = |subject: Subject| {
+    let of = |name: &String| {
         let all = results.modes.iter().flat_map(|m| m.outcomes.iter().map(move |o| (m, o)));
-        let own = all.filter(|(_, o)| o.estimator == subject.name());
+        let own = all.filter(|(_, o)| o.estimator == *name);
         own.map(|(m, o)| results.verdict(m, o)).collect::<Vec<_>>()
     };
-    table.push(failures(Subject::shown().into_iter().map(of)));
+    table.push(failures(names.iter().map(of)));
     table
+}
+
+/// The survival tables.
+pub fn survival(found: &Found) -> Vec<Table> {
+    let balance = found.balance.as_ref().map(|results| survival_of(results, &balances()));
+    let guiding = found.guiding.as_ref().map(guiding::page::survival);
+    let path_reuse = found.path_reuse.as_ref().map(|results| survival_of(results, &groups()));
+    [balance, guiding, path_reuse].into_iter().flatten().collect()
 }
 
 fn facts(results: &Results) -> Table {
@@ -58,10 +76,13 @@ fn facts(results: &Results) -> Table {
 
 const LEAD: &str = "Which `--balance` is safe in the failure modes of adaptive sampling. The numbers are variances over those \
 of `half` with equal paths, in the worst pixel and colour channel: 1 is no harm, below 1 is a gain. `half` fails nothing. F19 to \
-F23 test path guiding.";
+F23 test path guiding, F26 to F29 path re-use.";
 const WORST: &str = "✗: a pixel exceeds the mode's bar by more than chance explains. ?: the worst pixel (± its standard error) \
 exceeds it, but chance may explain that. 1.00 may mean that a method learned nothing from so few samples, or nothing that it \
 trusted: see its shares below. `power` and `max` do not adapt; their losses come from their weights.";
+const SHARED: &str = "Variances with `--path-reuse` over those without, with equal paths, in the worst pixel, marked as those of \
+balances are. 16:4 traces a quarter of the paths behind first surfaces, and costs less: with independent paths as few as that, \
+the ratio would be about 4. All 16 pixels share; in a picture groups are drawn from 256.";
 const SHARES: &str = "Mean share of light samples in the last pass ± its standard deviation over replicas. F10 tests how much \
 the share varies where all pixels are equal.";
 const FACTS: &str = "The share of light samples after samples that break naive rules. Invalid samples must not count.";
@@ -69,34 +90,56 @@ const FACTS: &str = "The share of light samples after samples that break naive r
 fn parts(found: &Found) -> Vec<Part> {
     let balance = found.balance.as_ref().map_or_else(Vec::new, of_balance);
     let guiding = found.guiding.as_ref().map_or_else(Vec::new, guiding::page::parts);
-    balance.into_iter().chain(guiding).collect()
+    let path_reuse = found.path_reuse.as_ref().map_or_else(Vec::new, of_path_reuse);
+    balance.into_iter().chain(guiding).chain(path_reuse).collect()
+}
+
+fn part(title: &'static str, text: &str, table: Table) -> Part {
+    Part { title, text: text.to_owned(), table }
+}
+
+fn of_path_reuse(results: &Results) -> Vec<Part> {
+    let names = groups();
+    let means = by_estimator(results, &names, |_, o| ratio(o.mean_ratio)).end();
+    let unbiased = by_estimator(results, &names, |m, o| largest_z(o, results.verdict(m, o))).end();
+    let modes = Table::of(&results.modes).words("mode", name_of).words("construction", |m| m.construct).end();
+    vec![
+        part("Path re-use: who survives what", SHARED, survival_of(results, &names)),
+        part("Path re-use: on average", "The same ratios, averaged over pixels.", means),
+        part("Path re-use: means", &family(results), unbiased),
+        part("Path re-use: the modes", "Renders as above, with at most 3 segments per path.", modes),
+    ]
+}
+
+fn family(results: &Results) -> String {
+    format!(
+        "Largest |mean − truth| in standard errors over all pixels, channels and the picture's mean, after {} replicas. The \
+         probability that any of the {} tests raises a false alarm is at most {} (Bonferroni, bound of the normal tail): the \
+         limit is {:.2}. Exact cases are tested against the exact value, renders against renders by `half` with other seeds.",
+        results.replicas(),
+        results.tests,
+        results.false_alarm,
+        results.z_limit
+    )
 }
 
 fn of_balance(results: &Results) -> Vec<Part> {
-    let replicas = results.replicas();
-    let family = format!(
-        "Largest |mean − truth| in standard errors over all pixels, channels and the picture's mean, after {replicas} \
-         replicas. The probability that any of the {} tests raises a false alarm is at most {} (Bonferroni, bound of the normal \
-         tail): the limit is {:.2}. Exact cases are tested against the exact value, renders against renders by `half` with other \
-         seeds.",
-        results.tests, results.false_alarm, results.z_limit
-    );
-    let means = balances(results, |_, o| ratio(o.mean_ratio));
+    let names = balances();
+    let means = by_estimator(results, &names, |_, o| ratio(o.mean_ratio));
     let means = means.column("best fixed share", "least variance of any fixed sample counts", |m| {
         faint(m.best.map_or("–".to_owned(), ratio))
     });
-    let unbiased = balances(results, |m, o| largest_z(o, results.verdict(m, o)));
+    let unbiased = by_estimator(results, &names, |m, o| largest_z(o, results.verdict(m, o)));
     let unbiased = unbiased
         .column("tests", "z-tests per estimator", |m| faint(m.outcomes.first().map_or(0, |o| o.tests).to_string()));
-    let shares = balances(results, |_, o| format!("{:.2} ± {:.2}", o.share, o.share_sd));
+    let shares = by_estimator(results, &names, |_, o| format!("{:.2} ± {:.2}", o.share, o.share_sd));
     let modes = Table::of(&results.modes).words("mode", name_of).words("construction", |m| m.construct);
     let modes = modes.words("paths per pixel", |m| m.paths.to_string());
     let modes = modes.words("variances from", |m| if m.rendered { "renders" } else { "exact sums" });
-    let part = |title, text: &str, table| Part { title, text: text.to_owned(), table };
     vec![
-        part("Who survives what", WORST, survival(results)),
+        part("Who survives what", WORST, survival_of(results, &names)),
         part("On average", "The same ratios, averaged over pixels and channels.", means.end()),
-        part("Means", &family, unbiased.end()),
+        part("Means", &family(results), unbiased.end()),
         part("Controls", "Deliberate errors that the checks must catch.", controls(&results.controls)),
         part("Shares", SHARES, shares.end()),
         part("Shares after hard samples", FACTS, facts(results)),
@@ -111,9 +154,10 @@ with the same seeds for all estimators.";
 
 /// The command that writes the tables.
 fn command(found: &Found) -> String {
-    let only = match (&found.balance, &found.guiding) {
-        (Some(_), None) => " --only balance",
-        (None, Some(_)) => " --only guiding",
+    let only = match (&found.balance, &found.guiding, &found.path_reuse) {
+        (Some(_), None, None) => " --only balance",
+        (None, Some(_), None) => " --only guiding",
+        (None, None, Some(_)) => " --only path-reuse",
         _ => "",
     };
     format!("bismar study stability --replicas {}{only} --out DIR", found.replicas())

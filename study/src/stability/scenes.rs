@@ -6,9 +6,9 @@ use std::sync::atomic::AtomicBool;
 use bismar::Result;
 use bismar::balance::Balance;
 use bismar::film::Pixels;
-use bismar::integrator::PreparedScene;
+use bismar::integrator::{PreparedScene, Reuse};
 use bismar::rays::Backend;
-use bismar::render::{Integrator, RenderSettings, render};
+use bismar::render::{Integrator, RenderSettings, Technique, render};
 use bismar::scene::build::{self, area_light, lambert, look, metal};
 use bismar::scene::{Environment, Material, PunctualKind, PunctualLight, Scene};
 use glam::Vec3;
@@ -27,7 +27,7 @@ pub const OTHER_SEEDS: u32 = 1 << 30;
 
 /// A failure mode on a scene.
 pub struct SceneCase {
-    /// F1 … F18, F24, F25.
+    /// F1 … F18, F24 … F29.
     pub mode: &'static str,
     pub name: &'static str,
     /// Description of the scene.
@@ -55,7 +55,7 @@ pub(super) fn plate(scene: &mut Scene, corner: [f32; 3], u: [f32; 3], v: [f32; 3
 }
 
 /// A floor over x in `[x0, x1]`, facing up.
-fn floor(scene: &mut Scene, [x0, x1]: [f32; 2], material: Material) {
+pub(super) fn floor(scene: &mut Scene, [x0, x1]: [f32; 2], material: Material) {
     plate(scene, [x0, 0.0, 3.0], [x1 - x0, 0.0, 0.0], [0.0, 0.0, -6.0], material);
 }
 
@@ -66,16 +66,7 @@ pub(super) fn ceiling(scene: &mut Scene, [x, y, z]: [f32; 3], w: f32, material: 
 
 pub fn scene_cases() -> Result<[SceneCase; SCENES]> {
     let lit_from_infinity = || Scene { environment: Some(Environment::constant([0.4; 3])), ..Default::default() };
-    let build = |mode, name, construct, integrator, mut scene: Scene, yfov| {
-        look(&mut scene, [0.0, 1.2, 3.0], [0.0; 3], yfov);
-        Ok(SceneCase {
-            mode,
-            name,
-            construct,
-            scene: PreparedScene::build(Arc::new(scene), Backend::Embree)?,
-            integrator,
-        })
-    };
+    let build = SceneCase::new;
     let mut caustic = Scene::default();
     floor(&mut caustic, [-3.0, 3.0], lambert(0.6));
     ceiling(&mut caustic, [0.0, 1.0, 0.0], 0.15, area_light(10.0));
@@ -195,8 +186,36 @@ pub fn scene_cases() -> Result<[SceneCase; SCENES]> {
     ])
 }
 
+/// An estimator of the renderer.
+#[derive(Debug, Clone)]
+pub struct Estimator {
+    pub name: String,
+    pub balance: Balance,
+    /// Sizes of groups that share their paths.
+    pub reuse: Option<Reuse>,
+}
+
+impl From<Balance> for Estimator {
+    fn from(balance: Balance) -> Self {
+        Self { name: balance.name().to_owned(), balance, reuse: None }
+    }
+}
+
 impl SceneCase {
-    fn renders(&self, balance: Balance, replicas: u32, seed: u32, stop: &AtomicBool) -> Result<Renders> {
+    /// A mode: the scene with a camera that looks down at the origin with this vertical field of view, in radians.
+    pub(super) fn new(
+        mode: &'static str,
+        name: &'static str,
+        construct: &'static str,
+        integrator: Integrator,
+        mut scene: Scene,
+        yfov: f32,
+    ) -> Result<Self> {
+        look(&mut scene, [0.0, 1.2, 3.0], [0.0; 3], yfov);
+        Ok(Self { mode, name, construct, scene: PreparedScene::build(Arc::new(scene), Backend::Embree)?, integrator })
+    }
+
+    fn renders(&self, estimator: &Estimator, replicas: u32, seed: u32, stop: &AtomicBool) -> Result<Renders> {
         let one = |r: u32| -> Result<_> {
             let settings = RenderSettings {
                 width: SIDE,
@@ -204,10 +223,12 @@ impl SceneCase {
                 spp: Some(PATHS),
                 max_depth: 3,
                 integrator: self.integrator,
-                balance,
+                balance: estimator.balance,
+                reuse_sizes: estimator.reuse,
                 seed: seed + r,
                 ..RenderSettings::even()
             };
+            let settings = settings.with(Technique::PathReuse, estimator.reuse.is_some().into());
             let rendered = render(&self.scene, &settings, stop, &|_| ())?;
             let green = rendered.film().pixels.iter().map(|p| p.sum[1] / f64::from(p.samples)).collect();
             let pixels = rendered.pixels();
@@ -223,19 +244,20 @@ impl SceneCase {
     /// other seeds. Calls `done` after each; it must return an error once `stop` is raised.
     pub fn outcomes(
         &self,
-        balances: &[Balance],
+        estimators: &[Estimator],
         replicas: u32,
         stop: &AtomicBool,
         done: &mut dyn FnMut() -> Result<()>,
     ) -> Result<Vec<Outcome>> {
-        let truth = self.renders(Balance::Half, replicas, OTHER_SEEDS, stop)?;
-        let half = self.renders(Balance::Half, replicas, 0, stop)?;
+        let plain = Estimator::from(Balance::Half);
+        let truth = self.renders(&plain, replicas, OTHER_SEEDS, stop)?;
+        let half = self.renders(&plain, replicas, 0, stop)?;
         done()?;
         let mut outcomes = Vec::new();
-        for &balance in balances {
-            let own = if balance == Balance::Half { None } else { Some(self.renders(balance, replicas, 0, stop)?) };
-            let name = balance.name().to_owned();
-            outcomes.push(own.as_ref().unwrap_or(&half).outcome(name, &half, &truth));
+        for estimator in estimators {
+            let is_plain = estimator.name == plain.name;
+            let own = if is_plain { None } else { Some(self.renders(estimator, replicas, 0, stop)?) };
+            outcomes.push(own.as_ref().unwrap_or(&half).outcome(estimator.name.clone(), &half, &truth));
             done()?;
         }
         Ok(outcomes)

@@ -35,7 +35,7 @@ impl Reuse {
     /// Largest group.
     pub const MAX_GROUP: u32 = 64;
     /// Sizes that suit most scenes: where few paths find the light, and where most do.
-    pub const USUAL: [Self; 2] = [Self { group: 16, traced: 4 }, Self { group: 16, traced: 16 }];
+    pub const USUAL: [Self; 2] = [Self { group: 64, traced: 16 }, Self { group: 64, traced: 32 }];
 
     /// How many samples of a group of `members` go on: the same share, at least one.
     pub fn traced_of(self, members: usize) -> usize {

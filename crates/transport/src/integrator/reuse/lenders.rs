@@ -46,6 +46,15 @@ impl Lender {
         self.lit |= 1 << group;
     }
 
+    /// Divides what it has found by f cos in its three directions, and forgets those of nothing.
+    pub fn divide(&mut self, values: [Vec3; 3]) {
+        let over = |found: Vec3, value: Vec3| Vec3::select(value.cmpgt(Vec3::ZERO), found / value, Vec3::ZERO);
+        self.sampled = [0, 1].map(|i| over(self.sampled[i], values[i]));
+        self.beyond = self.beyond.map(|found| over(found, values[2]));
+        let found = [self.sampled[0], self.sampled[1], self.beyond.iter().sum()];
+        self.directions = [0, 1, 2].map(|i| if found[i] == Vec3::ZERO { Vec3::ZERO } else { self.directions[i] });
+    }
+
     /// Is there anything to lend?
     pub fn is_lit(&self) -> bool {
         let sum: Vec3 = self.sampled.iter().chain(&self.beyond).sum();

@@ -168,12 +168,9 @@ impl Lending {
         pairs.begin(at.transport, samples.len());
         for (members, traced) in groups.each(reuse) {
             let q = traced as f32 / members.len() as f32;
-            for member in &members[..traced] {
-                let lender = samples[*member as usize].lender;
-                if lenders.get(lender as usize).is_some_and(Lender::is_lit) {
-                    pairs.push(lender, members, q);
-                }
-            }
+            let lenders_of = members[..traced].iter().map(|member| samples[*member as usize].lender);
+            let is_lit = |lender: &u32| lenders.get(*lender as usize).is_some_and(Lender::is_lit);
+            pairs.push(members, lenders_of.filter(is_lit), q);
             if pairs.is_full() {
                 pairs.evaluate(at.transport, vertices, samples, lenders, counts);
             }

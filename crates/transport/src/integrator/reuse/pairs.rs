@@ -4,6 +4,8 @@
 //! is seen from its side and with a normal that need not be bent, and if nothing lies in between. These are properties of the
 //! pair alone, whichever path has found it, so that the balance heuristic may leave out the others.
 
+use std::ops::Range;
+
 use glam::Vec3;
 use wide::bytemuck::cast;
 
@@ -12,15 +14,18 @@ use crate::bsdf::{Core, Lobe, Parameters};
 use crate::integrator::data::counts::{WaveCounts, timed};
 use crate::integrator::data::history::MIRROR_PDF;
 use crate::integrator::data::light_groups::MAX_GROUPS;
+use crate::integrator::data::proposal::Reuse;
 use crate::integrator::data::transport::Transport;
 use crate::integrator::data::vertices::Vertices;
 use crate::integrator::stages::mixture::{self, Mixture};
 use crate::integrator::surface::shading_normal;
-use crate::lanes::{F, LANES, Rows, Survivors, U, V3, V3Column, are, eight, grow, load_bits, mask, store};
+use crate::lanes::{F, LANES, Rows, Survivors, U, V3, V3Column, eight, grow, load_bits, mask, store};
 use crate::rays::{RayBatch, RayOrder};
 
 /// Pairs of a batch, at which it is evaluated.
 const FULL: usize = 2048;
+/// Maximum times eight members of a group.
+const MAX_BLOCKS: usize = Reuse::MAX_GROUP as usize / LANES;
 
 /// Calls a function with the BSDFs of eight vertices.
 macro_rules! with_bsdf {
@@ -53,13 +58,47 @@ pub fn lends(vertices: &Vertices, rows: &Rows) -> F {
     borrows(vertices, rows) & shading_normal::is_clear(ng, ns, wo)
 }
 
-/// The pairs of a batch.
+/// A group whose pairs are in the batch: its members and its lit lenders, as ranges of [`Pairs::members`] and [`Pairs::lenders`].
+#[derive(Debug)]
+struct Group {
+    members: Range<usize>,
+    lenders: Range<usize>,
+    /// Fraction of the members that go on.
+    q: f32,
+}
+
+/// Eight members of a group at their first surfaces. All lenders of the group meet them: they are gathered once.
+struct Block<'a, B> {
+    /// Mask of the lanes with a member.
+    present: F,
+    /// The lenders of their own paths.
+    own: U,
+    origin: V3,
+    ng: V3,
+    ns: V3,
+    wo: V3,
+    bsdf: B,
+    mixture: Option<Mixture<'a>>,
+}
+
+/// A second surface, in eight equal lanes.
+struct Second<'a, B> {
+    lender: &'a Lender,
+    index: u32,
+    position: V3,
+    ng: V3,
+    ns: V3,
+    bsdf: B,
+}
+
+/// The pairs of a batch. Those of a lender lie in consecutive rows, from a multiple of [`LANES`] on.
 #[derive(Debug, Default)]
 pub struct Pairs {
-    /// Lenders and samples, lender by lender.
-    ends: Vec<[u32; 2]>,
-    /// The lenders, and the fraction q of their groups.
-    lenders: Vec<(u32, f32)>,
+    batch: Vec<Group>,
+    members: Vec<u32>,
+    lenders: Vec<u32>,
+    /// Rows of the batch.
+    rows: usize,
     /// The groups of lights in the scene.
     pub groups: Vec<usize>,
     /// Density of the direction in area measure; zero where the pair takes no part.
@@ -83,21 +122,34 @@ impl Pairs {
         let is_used = transport.groups.as_ref().map_or(&kinds[..], |table| &table.is_used);
         self.groups.clear();
         self.groups.extend((0..is_used.len()).filter(|group| is_used[*group]));
-        self.ends.clear();
-        self.lenders.clear();
+        self.clear();
         self.borrowed.clear();
         self.borrowed.resize(samples * self.groups.len(), Vec3::ZERO);
     }
 
-    /// Adds a lender with all members of its group.
-    pub fn push(&mut self, lender: u32, members: &[u32], q: f32) {
-        self.ends.extend(members.iter().map(|member| [lender, *member]));
-        self.lenders.push((lender, q));
+    fn clear(&mut self) {
+        self.batch.clear();
+        self.members.clear();
+        self.lenders.clear();
+        self.rows = 0;
+    }
+
+    /// Adds all pairs of a group's `members` with those of the `lenders` that have something to lend. `q` is the fraction of the
+    /// members that go on.
+    pub fn push(&mut self, members: &[u32], lit: impl Iterator<Item = u32>, q: f32) {
+        let starts = [self.members.len(), self.lenders.len()];
+        self.lenders.extend(lit);
+        let lenders = starts[1]..self.lenders.len();
+        if !lenders.is_empty() {
+            self.members.extend(members);
+            self.rows += lenders.len() * members.len().next_multiple_of(LANES);
+            self.batch.push(Group { members: starts[0]..self.members.len(), lenders, q });
+        }
     }
 
     /// Is it time to evaluate them?
     pub fn is_full(&self) -> bool {
-        self.ends.len() >= FULL
+        self.rows >= FULL
     }
 
     /// Evaluates and removes all pairs, and adds what is borrowed.
@@ -109,16 +161,25 @@ impl Pairs {
         lenders: &mut [Lender],
         counts: &mut WaveCounts,
     ) {
-        let n = self.ends.len();
-        grow(&mut self.pdf, n);
-        self.radiance.iter_mut().for_each(|column| column.grow(n));
-        self.rays.open(n, false);
+        grow(&mut self.pdf, self.rows);
+        self.groups.iter().for_each(|group| self.radiance[*group].grow(self.rows));
+        self.rays.open(self.rows, false);
         self.pair_of.clear();
-        self.divide_by_bsdf(&vertices[1], lenders);
-        for first in (0..n).step_by(LANES) {
-            self.eight(transport, vertices, samples, lenders, first);
+        let batch = std::mem::take(&mut self.batch);
+        let [from, to] = vertices;
+        let mut row = 0;
+        for group in &batch {
+            let at = (transport, vertices, samples);
+            row = match (from.core(), to.core()) {
+                (Some(x), Some(y)) => {
+                    let load = [|columns, rows: &Rows| Core::load(columns, rows); 2];
+                    self.group(at, lenders, group, row, |rows| load[0](x, rows), |rows| load[1](y, rows))
+                }
+                _ => self.group(at, lenders, group, row, |rows| from.bsdf(rows), |rows| to.bsdf(rows)),
+            };
         }
-        let Self { ends, rays, pair_of, occluded, pdf, radiance, borrowed, groups, lenders: of } = self;
+        self.batch = batch;
+        let Self { batch, rays, pair_of, occluded, pdf, radiance, borrowed, groups, members, .. } = self;
         rays.close(pair_of.len());
         counts.shadow_rays += rays.len() as u64;
         counts.shared_rays += rays.len() as u64;
@@ -129,104 +190,116 @@ impl Pairs {
             .filter(|(_, occluded)| **occluded)
             .for_each(|(pair, _)| pdf[*pair as usize] = 0.0);
         let mut start = 0;
-        for ((_, q), pairs) in of.iter().zip(ends.chunk_by(|a, b| a[0] == b[0])) {
-            let rows = start..start + pairs.len();
-            start = rows.end;
-            let scale = 1.0 / (q * pdf[rows.clone()].iter().sum::<f32>());
-            let lit = lenders[pairs[0][0] as usize].lit;
-            for (i, group) in groups.iter().enumerate().filter(|(_, group)| lit >> *group & 1 == 1) {
-                for (row, [_, sample]) in rows.clone().zip(pairs).filter(|(row, _)| pdf[*row] > 0.0) {
-                    borrowed[*sample as usize * groups.len() + i] += radiance[*group].get(row) * scale;
+        for group in &*batch {
+            let members = &members[group.members.clone()];
+            for lender in &self.lenders[group.lenders.clone()] {
+                let rows = start..start + members.len();
+                start = rows.start + members.len().next_multiple_of(LANES);
+                let scale = 1.0 / (group.q * pdf[rows.clone()].iter().sum::<f32>());
+                let lit = lenders[*lender as usize].lit;
+                for (i, light) in groups.iter().enumerate().filter(|(_, light)| lit >> **light & 1 == 1) {
+                    for (row, sample) in rows.clone().zip(members).filter(|(row, _)| pdf[*row] > 0.0) {
+                        borrowed[*sample as usize * groups.len() + i] += radiance[*light].get(row) * scale;
+                    }
                 }
             }
         }
-        ends.clear();
-        of.clear();
+        self.clear();
     }
 
-    /// Divides what the lenders' samples found by their BSDFs toward their own first surfaces.
-    fn divide_by_bsdf(&self, second: &Vertices, lenders: &mut [Lender]) {
-        for group in self.lenders.chunks(LANES) {
-            let lane_of = |lane: usize| group[lane.min(group.len() - 1)].0 as usize;
+    /// Evaluates the pairs of a group, whose first row is `row`; returns the row behind them.
+    #[inline(never)]
+    fn group<B: Lobe>(
+        &mut self,
+        (transport, [from, to], samples): (&Transport, &[Vertices; 2], &[FirstSample]),
+        lenders: &mut [Lender],
+        group: &Group,
+        mut row: usize,
+        first_bsdf: impl Fn(&Rows) -> B,
+        second_bsdf: impl Fn(&Rows) -> B,
+    ) -> usize {
+        let members = &self.members[group.members.clone()];
+        let of_group = group.lenders.clone();
+        for lit in self.lenders[of_group.clone()].chunks(LANES) {
+            let lane_of = |lane: usize| lit[lane.min(lit.len() - 1)] as usize;
             let y = Rows::Each(eight(|lane| lenders[lane_of(lane)].y));
-            let (ns, wo) = (second.ns.load(&y), second.wo.load(&y));
-            let values = [0, 1, 2].map(|i| {
-                let wi = V3::gather(eight(|lane| lenders[lane_of(lane)].directions[i]));
-                value(second, &y, ns, wo, wi)
-            });
-            for lane in 0..group.len() {
-                let lender = &mut lenders[lane_of(lane)];
-                let over = |found: Vec3, direction: usize| {
-                    let value = values[direction].lane(lane);
-                    Vec3::select(value.cmpgt(Vec3::ZERO), found / value, Vec3::ZERO)
-                };
-                lender.sampled = [0, 1].map(|i| over(lender.sampled[i], i));
-                self.groups.iter().for_each(|group| lender.beyond[*group] = over(lender.beyond[*group], 2));
+            let (ns, wo, bsdf) = (to.ns.load(&y), to.wo.load(&y), second_bsdf(&y));
+            let values =
+                [0, 1, 2].map(|i| value(&bsdf, ns, wo, V3::gather(eight(|lane| lenders[lane_of(lane)].directions[i]))));
+            (0..lit.len()).for_each(|lane| lenders[lane_of(lane)].divide(values.map(|value| value.lane(lane))));
+        }
+        let block = |i: usize| {
+            let members = members.get(i * LANES..)?.chunks(LANES).next()?;
+            let sample = eight(|lane| &samples[members[lane.min(members.len() - 1)] as usize]);
+            let x = Rows::Each(sample.map(|sample| sample.x));
+            Some(Block {
+                present: mask(members.len()),
+                own: sample.map(|sample| sample.lender).into(),
+                origin: from.origin.load(&x),
+                ng: from.ng.load(&x),
+                ns: from.ns.load(&x),
+                wo: from.wo.load(&x),
+                bsdf: first_bsdf(&x),
+                mixture: Mixture::at(transport, from, &x),
+            })
+        };
+        let blocks: [_; MAX_BLOCKS] = std::array::from_fn(block);
+        for i in of_group {
+            let index = self.lenders[i];
+            let lender = &lenders[index as usize];
+            let y = Rows::Each([lender.y; LANES]);
+            let (position, ng, ns) = (to.origin.load(&y), to.ng.load(&y), to.ns.load(&y));
+            let second = Second { lender, index, position, ng, ns, bsdf: second_bsdf(&y) };
+            for block in blocks.iter().flatten() {
+                self.eight(block, &second, row);
+                row += LANES;
             }
         }
+        row
     }
 
     /// Evaluates eight pairs.
-    #[inline(never)]
-    fn eight(
-        &mut self,
-        transport: &Transport,
-        vertices: &[Vertices; 2],
-        samples: &[FirstSample],
-        lenders: &[Lender],
-        first: usize,
-    ) {
-        let len = LANES.min(self.ends.len() - first);
-        let pair = eight(|lane| self.ends[first + lane.min(len - 1)]);
-        let own = eight(|lane| samples[pair[lane][1] as usize].lender == pair[lane][0]);
-        let lender = pair.map(|[lender, _]| &lenders[lender as usize]);
-        let x = Rows::Each(pair.map(|[_, sample]| samples[sample as usize].x));
-        let y = Rows::Each(lender.map(|lender| lender.y));
-        let [from, to] = vertices;
-        let (origin, target) = (from.origin.load(&x), to.origin.load(&y));
-        let way = target - origin;
+    #[inline(always)]
+    fn eight<B: Lobe>(&mut self, x: &Block<B>, y: &Second<B>, row: usize) {
+        let way = y.position - x.origin;
         let distance2 = way.length_squared();
         let wi = way.normalize_or(V3::ZERO);
-        let (ns, wo) = (from.ns.load(&x), from.wo.load(&x));
-        let (f, bsdf_pdf) = with_bsdf!(from, &x, bsdf => bsdf.eval_pdf(ns, wo, wi));
-        let pdf = Mixture::at(transport, from, &x).map_or(bsdf_pdf, |mixture| mixture.pdf(wi, bsdf_pdf));
-        let (ng_y, ns_y, wo_y) = (to.ng.load(&y), to.ns.load(&y), wi * F::splat(-1.0));
-        let cos_y = ng_y.dot(wo_y);
-        let takes_part = mask(len)
+        let (f, bsdf_pdf) = x.bsdf.eval_pdf(x.ns, x.wo, wi);
+        let pdf = x.mixture.as_ref().map_or(bsdf_pdf, |mixture| mixture.pdf(wi, bsdf_pdf));
+        let wo = wi * F::splat(-1.0);
+        let cos_y = y.ng.dot(wo);
+        let takes_part = x.present
             & distance2.simd_gt(F::ZERO)
-            & from.ng.load(&x).dot(wi).simd_gt(F::ZERO)
+            & x.ng.dot(wi).simd_gt(F::ZERO)
             & cos_y.simd_gt(F::ZERO)
             & pdf.simd_gt(F::ZERO)
             & bsdf_pdf.simd_lt(F::splat(MIRROR_PDF))
-            & shading_normal::is_clear(ng_y, ns_y, wo_y);
+            & shading_normal::is_clear(y.ng, y.ns, wo);
         let to_area = cos_y / distance2;
-        store(&mut self.pdf, first, takes_part & (pdf * to_area));
-        let values = [0, 1, 2].map(|i| {
-            if i == 1 && !transport.lights.punctual {
-                return V3::ZERO;
-            }
-            value(to, &y, ns_y, wo_y, V3::gather(eight(|lane| lender[lane].directions[i])))
+        store(&mut self.pdf, row, takes_part & (pdf * to_area));
+        let Lender { directions, sampled, groups, beyond, lit, .. } = y.lender;
+        // A direction of zero length stands for none: nothing was found there.
+        let values = directions.map(|wi| match wi == Vec3::ZERO {
+            true => V3::ZERO,
+            false => value(&y.bsdf, y.ns, wo, V3::splat(wi)),
         });
-        let sampled = [0, 1].map(|i| V3::gather(eight(|lane| lender[lane].sampled[i])) * values[i]);
-        let groups_of = [0, 1].map(|i| U::from(eight(|lane| u32::from(lender[lane].groups[i]))));
-        let lit = lender.iter().fold(0, |lit, lender| lit | lender.lit);
+        let weight = f * to_area;
         for &group in self.groups.iter().filter(|group| lit >> **group & 1 == 1) {
-            let beyond = V3::gather(eight(|lane| lender[lane].beyond[group]));
-            let [a, b] = [0, 1].map(|i| V3::select(are(groups_of[i], group as u32), sampled[i], V3::ZERO));
-            self.radiance[group].store(first, f * (a + b + beyond * values[2]) * to_area);
+            let from = |i: usize| if usize::from(groups[i]) == group { sampled[i] } else { Vec3::ZERO };
+            let light = values[0] * V3::splat(from(0)) + values[1] * V3::splat(from(1));
+            self.radiance[group].store(row, weight * (light + values[2] * V3::splat(beyond[group])));
         }
-        let own = F::from(own.map(|own| if own { 1.0 } else { 0.0 })).simd_gt(F::ZERO);
-        let traced = takes_part & !own;
+        let traced = takes_part & cast::<U, F>(!x.own.simd_eq(U::splat(y.index)));
         let survivors = Survivors::of(traced);
-        let ray = (survivors.compress_v3(origin), survivors.compress_v3(wi));
+        let ray = (survivors.compress_v3(x.origin), survivors.compress_v3(wi));
         self.rays.put(self.pair_of.len(), ray, survivors.compress(distance2.sqrt()), U::ZERO, F::ZERO);
         let bits = traced.to_bitmask();
-        self.pair_of.extend((0..LANES).filter(|lane| bits >> lane & 1 == 1).map(|lane| (first + lane) as u32));
+        self.pair_of.extend((0..LANES).filter(|lane| bits >> lane & 1 == 1).map(|lane| (row + lane) as u32));
     }
 }
 
 /// f cos of eight second surfaces.
 #[inline(never)]
-fn value(vertices: &Vertices, rows: &Rows, ns: V3, wo: V3, wi: V3) -> V3 {
-    with_bsdf!(vertices, rows, bsdf => bsdf.eval_pdf(ns, wo, wi).0)
+fn value(bsdf: &impl Lobe, ns: V3, wo: V3, wi: V3) -> V3 {
+    bsdf.eval_pdf(ns, wo, wi).0
 }

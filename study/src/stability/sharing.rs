@@ -1,0 +1,86 @@
+//! Failure modes of path re-use: small scenes whose light arrives by other surfaces, rendered many times. All pixels of a picture
+//! are in groups together.
+
+use std::sync::atomic::AtomicBool;
+
+use bismar::Result;
+use bismar::balance::Balance;
+use bismar::integrator::Reuse;
+use bismar::render::Integrator;
+use bismar::scene::build::{area_light, lambert};
+use bismar::scene::{Environment, Material, Scene};
+
+use super::judge::{FALSE_ALARM, z_limit};
+use super::scenes::{Estimator, PATHS, SIDE, SceneCase, ceiling, floor, plate};
+use super::{ModeResult, Results, cases};
+
+/// Number of [`cases()`].
+const CASES: usize = 4;
+
+/// The fractions of paths that go on with which `auto` chooses groups, and all.
+pub fn estimators() -> [Estimator; 3] {
+    let all = [4, 8, 16].map(|traced| Reuse { group: SIDE * SIDE, traced });
+    all.map(|sizes| Estimator { name: sizes.to_string(), balance: Balance::Half, reuse: Some(sizes) })
+}
+
+/// A wall behind the visible floor, lit by a lamp of half width `w` that faces it from a distance `d`. No other surface sees the
+/// lamp's front.
+fn lit_wall(scene: &mut Scene, [w, d, y]: [f32; 3], radiance: f32) {
+    plate(scene, [-3.0, 0.0, -1.5], [6.0, 0.0, 0.0], [0.0, 3.0, 0.0], lambert(0.8));
+    plate(scene, [w, y - w, d - 1.5], [-2.0 * w, 0.0, 0.0], [0.0, 2.0 * w, 0.0], area_light(radiance));
+}
+
+fn cases() -> Result<[SceneCase; CASES]> {
+    let black = || Material { double_sided: true, ..lambert(0.0) };
+    let new = |mode, name, construct, scene, yfov| SceneCase::new(mode, name, construct, Integrator::Path, scene, yfov);
+    let mut edge = Scene::default();
+    floor(&mut edge, [-3.0, 3.0], lambert(0.6));
+    lit_wall(&mut edge, [0.2, 0.3, 0.6], 10.0);
+    plate(&mut edge, [-3.0, 0.0, -0.4], [3.0, 0.0, 0.0], [0.0, 3.0, 0.0], black());
+
+    let mut firefly = Scene { environment: Some(Environment::constant([0.02; 3])), ..Default::default() };
+    floor(&mut firefly, [-3.0, 3.0], lambert(0.6));
+    lit_wall(&mut firefly, [0.03, 0.03, 0.6], 2000.0);
+
+    let mut corner = Scene::default();
+    floor(&mut corner, [-3.0, 3.0], lambert(0.6));
+    plate(&mut corner, [-3.0, 0.0, 0.0], [6.0, 0.0, 0.0], [0.0, 3.0, 0.0], lambert(0.8));
+    ceiling(&mut corner, [0.0, 1.5, 1.0], 0.3, area_light(6.0));
+
+    let mut one_black = Scene::default();
+    floor(&mut one_black, [-3.0, 3.0], lambert(0.6));
+    lit_wall(&mut one_black, [0.2, 0.3, 0.6], 10.0);
+    plate(&mut one_black, [0.0, 0.001, 0.0], [0.25, 0.0, 0.0], [0.0, 0.0, -0.3], black());
+    Ok([
+        new(
+            "F26",
+            "edge of a shadow",
+            "a wall lights the floor; a screen hides it from half of the pixels",
+            edge,
+            0.2,
+        )?,
+        new("F27", "a firefly that is lent", "a tiny bright spot on a wall, and a dim environment", firefly, 0.2)?,
+        new("F28", "corner", "two surfaces that meet in the middle of the picture light each other", corner, 0.1)?,
+        new("F29", "one black pixel", "as F26 without the screen; one pixel is black", one_black, 0.3)?,
+    ])
+}
+
+/// Number of steps of [`measure`].
+pub fn steps() -> usize {
+    CASES * (estimators().len() + 1)
+}
+
+/// Measures all cases with `replicas` ≥ 2. Calls `done` after each of [`steps`]; `done` may stop the measurement with an
+/// error, and must once `stop` is raised.
+pub fn measure(replicas: u32, stop: &AtomicBool, done: &mut dyn FnMut() -> Result<()>) -> Result<Results> {
+    let mut modes = Vec::new();
+    for case in cases()? {
+        let outcomes = case.outcomes(&estimators(), replicas, stop, done)?;
+        let SceneCase { mode, name, construct, .. } = case;
+        let (rendered, bar, best, paths) = (true, cases::BAR, None, PATHS);
+        modes.push(ModeResult { mode, name, construct, rendered, paths, replicas, bar, best, outcomes });
+    }
+    let tests = modes.iter().flat_map(|m| &m.outcomes).map(|o| o.tests).sum();
+    let (facts, controls) = (Vec::new(), Vec::new());
+    Ok(Results { z_limit: z_limit(tests), tests, false_alarm: FALSE_ALARM, modes, facts, controls })
+}
