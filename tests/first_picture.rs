@@ -265,9 +265,9 @@ fn a_preset_is_the_flags_that_its_help_says_and_given_flags_win() {
     for (preset, flags, own, rest) in [
         (
             "thumbnail",
-            "--size 512x512 --spp 16 --aov none --adaptive off --guiding off",
+            "--size 512x512 --spp 16 --aov none --adaptive off --guiding off --path-reuse off",
             "--size 24x18",
-            "--spp 16 --aov none --adaptive off --guiding off",
+            "--spp 16 --aov none --adaptive off --guiding off --path-reuse off",
         ),
         (
             "product",

@@ -47,11 +47,13 @@ pub fn add(goals: &mut Vec<Goal>, settings: &RenderSettings, paths: u32) {
 }
 
 /// Does what pre-passes learn for the goal of `shorter`, of fewer paths or as many, hold for that of `settings`, as far as passes to
-/// the former have taken it? The allocation depends on the goal, and so do guiding field and light selection if `by_goal`.
+/// the former have taken it? Whether techniques are decided about depends on the goal, the allocation does, and so do guiding field
+/// and light selection if `by_goal`.
 pub fn learned_alike(shorter: &RenderSettings, settings: &RenderSettings, by_goal: bool) -> bool {
+    let asked_alike = Technique::ALL.iter().all(|it| shorter.asks_for(*it) == settings.asks_for(*it));
     let allocated_alike =
         Allocation::key(shorter) == Allocation::key(settings) || Allocation::begins_as(shorter, settings);
-    allocated_alike && (!by_goal || shorter.expected_spp() == settings.expected_spp())
+    asked_alike && allocated_alike && (!by_goal || shorter.expected_spp() == settings.expected_spp())
 }
 
 /// Have these goals led to the passes and to what was learned that a render of `settings` has from the beginning? What it learns

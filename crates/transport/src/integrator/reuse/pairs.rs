@@ -27,27 +27,17 @@ const FULL: usize = 2048;
 /// Maximum times eight members of a group.
 const MAX_BLOCKS: usize = Reuse::MAX_GROUP as usize / LANES;
 
-/// Calls a function with the BSDFs of eight vertices.
-macro_rules! with_bsdf {
-    ($vertices:expr, $rows:expr, $bsdf:ident => $body:expr) => {
-        match $vertices.core() {
-            Some(columns) => {
-                let $bsdf = &Core::load(columns, $rows);
-                $body
-            }
-            None => {
-                let $bsdf = &$vertices.bsdf($rows);
-                $body
-            }
-        }
-    };
-}
-
 /// Mask of the vertices that may borrow light: on rough, opaque surfaces, in no medium that absorbs.
 #[inline(never)]
 pub fn borrows(vertices: &Vertices, rows: &Rows) -> F {
+    fn is_rough(bsdf: &impl Lobe) -> F {
+        mixture::is_diffuse(bsdf) & !bsdf.transmits()
+    }
     let outside = vertices.media.as_ref().map(|[own, _]| cast::<U, F>(load_bits(own, rows).simd_eq(U::ZERO)));
-    let rough = with_bsdf!(vertices, rows, bsdf => mixture::is_diffuse(bsdf) & !bsdf.transmits());
+    let rough = match vertices.core() {
+        Some(columns) => is_rough(&Core::load(columns, rows)),
+        None => is_rough(&vertices.bsdf(rows)),
+    };
     outside.map_or(rough, |outside| rough & outside)
 }
 
@@ -172,8 +162,7 @@ impl Pairs {
             let at = (transport, vertices, samples);
             row = match (from.core(), to.core()) {
                 (Some(x), Some(y)) => {
-                    let load = [|columns, rows: &Rows| Core::load(columns, rows); 2];
-                    self.group(at, lenders, group, row, |rows| load[0](x, rows), |rows| load[1](y, rows))
+                    self.group(at, lenders, group, row, |rows| Core::load(x, rows), |rows| Core::load(y, rows))
                 }
                 _ => self.group(at, lenders, group, row, |rows| from.bsdf(rows), |rows| to.bsdf(rows)),
             };
