@@ -7,6 +7,7 @@ use clap::Args;
 
 use crate::cli::view_args::ViewArgs;
 use crate::console::{Paths, Verbosity, Verdict, say};
+use crate::film::denoise::DENOISED;
 use crate::film::{Exposure, Look, Picture, ViewTransform, atomic, exr_file, preview};
 use crate::render::checkpoint::text;
 use crate::{Error, Result};
@@ -62,7 +63,7 @@ impl Mix {
     fn of(&self, path: &Path, layer: Option<&str>) -> Result<Picture> {
         let prefix = match layer {
             None => "light_",
-            Some("denoised") => "denoised_",
+            Some(DENOISED) => "denoised_",
             Some(_) => return Err(Error::Usage("--mix: the only --layer that it can be of is denoised".into())),
         };
         let channels = exr_file::channels(path)?;

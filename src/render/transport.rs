@@ -5,8 +5,8 @@ use super::{BackFaces, GlassShadows, Integrator, RenderSettings, scheduler};
 use crate::integrator::{PreparedScene, Proposal, Transport};
 use crate::sampling::{FilterSampler, hash};
 
-/// The transport of a render with these settings, without what pre-passes learn and without groups of lights by name. A lens that cannot be made ([`lens`]) is
-/// a pinhole here.
+/// The transport of a render with these settings, without what pre-passes learn and without groups of lights by name. A lens that
+/// cannot be made ([`lens`]) is a pinhole here.
 pub fn transport<'a>(scene: &'a PreparedScene, settings: &RenderSettings) -> Transport<'a> {
     Transport {
         scene: &scene.scene,

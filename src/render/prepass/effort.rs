@@ -75,7 +75,7 @@ pub const UNCERTAIN_STANDARD_ERROR: f32 = 0.1;
 pub const CAMERA_RAY_COST: f64 = 0.3;
 /// Cost of a visibility ray between two surfaces that share paths, with the evaluation of both, over the same: these rays are
 /// short, and eight lie together.
-pub const SHARED_RAY_COST: f64 = 0.25;
+const SHARED_RAY_COST: f64 = 0.25;
 
 /// Cost of the paths of a wave, in rays beyond the camera's. What is counted does not depend on the machine or its load.
 pub fn cost(counts: &WaveCounts) -> f64 {

@@ -28,6 +28,7 @@ use serde::Serialize;
 use cases::Case;
 use facts::Fact;
 use judge::{Control, Outcome, Tally, Verdict, z_limit};
+use scenes::{Estimator, SceneCase};
 use simulate::{Subject, replica};
 
 /// A failure mode and the results of the estimators in it.
@@ -154,10 +155,7 @@ pub fn measure(
     if let Some(replicas) = scene_replicas {
         let estimators: Vec<_> = Balance::all().iter().map(|balance| (*balance).into()).collect();
         for case in scenes::scene_cases()? {
-            let outcomes = case.outcomes(&estimators, replicas, stop, done)?;
-            let (mode, name, construct, paths) = (case.mode, case.name, case.construct, scenes::PATHS);
-            let (rendered, bar, best) = (true, cases::BAR, None);
-            modes.push(ModeResult { mode, name, construct, rendered, paths, replicas, bar, best, outcomes });
+            modes.push(rendered(&case, &estimators, replicas, stop, done)?);
         }
     }
     modes.sort_by_key(|m| m.mode[1..].parse::<u32>().unwrap_or(u32::MAX));
@@ -177,6 +175,20 @@ pub fn measure(
         control(unsafe_case, "worst pixel's variance", unsafe_caught, unsafe_outcome),
     ];
     Ok(Results { z_limit, tests, false_alarm: judge::FALSE_ALARM, modes, facts: facts::facts(), controls })
+}
+
+/// Measures a scene, as [`SceneCase::outcomes`].
+fn rendered(
+    case: &SceneCase,
+    estimators: &[Estimator],
+    replicas: u32,
+    stop: &AtomicBool,
+    done: &mut dyn FnMut() -> Result<()>,
+) -> Result<ModeResult> {
+    let outcomes = case.outcomes(estimators, replicas, stop, done)?;
+    let SceneCase { mode, name, construct, .. } = *case;
+    let (rendered, bar, best, paths) = (true, cases::BAR, None, scenes::PATHS);
+    Ok(ModeResult { mode, name, construct, rendered, paths, replicas, bar, best, outcomes })
 }
 
 /// Replicas that one task adds up. Tasks' sums are added in order, so that the result does not depend on threads.

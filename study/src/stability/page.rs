@@ -94,20 +94,16 @@ fn parts(found: &Found) -> Vec<Part> {
     balance.into_iter().chain(guiding).chain(path_reuse).collect()
 }
 
-fn part(title: &'static str, text: &str, table: Table) -> Part {
-    Part { title, text: text.to_owned(), table }
-}
-
 fn of_path_reuse(results: &Results) -> Vec<Part> {
     let names = groups();
     let means = by_estimator(results, &names, |_, o| ratio(o.mean_ratio)).end();
     let unbiased = by_estimator(results, &names, |m, o| largest_z(o, results.verdict(m, o))).end();
     let modes = Table::of(&results.modes).words("mode", name_of).words("construction", |m| m.construct).end();
     vec![
-        part("Path re-use: who survives what", SHARED, survival_of(results, &names)),
-        part("Path re-use: on average", "The same ratios, averaged over pixels.", means),
-        part("Path re-use: means", &family(results), unbiased),
-        part("Path re-use: the modes", "Renders as above, with at most 3 segments per path.", modes),
+        Part::new("Path re-use: who survives what", SHARED, survival_of(results, &names)),
+        Part::new("Path re-use: on average", "The same ratios, averaged over pixels.", means),
+        Part::new("Path re-use: means", &family(results), unbiased),
+        Part::new("Path re-use: the modes", "Renders as above, with at most 3 segments per path.", modes),
     ]
 }
 
@@ -137,13 +133,13 @@ fn of_balance(results: &Results) -> Vec<Part> {
     let modes = modes.words("paths per pixel", |m| m.paths.to_string());
     let modes = modes.words("variances from", |m| if m.rendered { "renders" } else { "exact sums" });
     vec![
-        part("Who survives what", WORST, survival_of(results, &names)),
-        part("On average", "The same ratios, averaged over pixels and channels.", means.end()),
-        part("Means", &family(results), unbiased.end()),
-        part("Controls", "Deliberate errors that the checks must catch.", controls(&results.controls)),
-        part("Shares", SHARES, shares.end()),
-        part("Shares after hard samples", FACTS, facts(results)),
-        part("The modes", METHOD, modes.end()),
+        Part::new("Who survives what", WORST, survival_of(results, &names)),
+        Part::new("On average", "The same ratios, averaged over pixels and channels.", means.end()),
+        Part::new("Means", &family(results), unbiased.end()),
+        Part::new("Controls", "Deliberate errors that the checks must catch.", controls(&results.controls)),
+        Part::new("Shares", SHARES, shares.end()),
+        Part::new("Shares after hard samples", FACTS, facts(results)),
+        Part::new("The modes", METHOD, modes.end()),
     ]
 }
 

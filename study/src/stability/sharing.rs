@@ -11,8 +11,8 @@ use bismar::scene::build::{area_light, lambert};
 use bismar::scene::{Environment, Material, Scene};
 
 use super::judge::{FALSE_ALARM, z_limit};
-use super::scenes::{Estimator, PATHS, SIDE, SceneCase, ceiling, floor, plate};
-use super::{ModeResult, Results, cases};
+use super::scenes::{Estimator, SIDE, SceneCase, ceiling, floor, plate};
+use super::{Results, rendered};
 
 /// Number of [`cases()`].
 const CASES: usize = 4;
@@ -75,10 +75,7 @@ pub fn steps() -> usize {
 pub fn measure(replicas: u32, stop: &AtomicBool, done: &mut dyn FnMut() -> Result<()>) -> Result<Results> {
     let mut modes = Vec::new();
     for case in cases()? {
-        let outcomes = case.outcomes(&estimators(), replicas, stop, done)?;
-        let SceneCase { mode, name, construct, .. } = case;
-        let (rendered, bar, best, paths) = (true, cases::BAR, None, PATHS);
-        modes.push(ModeResult { mode, name, construct, rendered, paths, replicas, bar, best, outcomes });
+        modes.push(rendered(&case, &estimators(), replicas, stop, done)?);
     }
     let tests = modes.iter().flat_map(|m| &m.outcomes).map(|o| o.tests).sum();
     let (facts, controls) = (Vec::new(), Vec::new());

@@ -10,6 +10,12 @@ pub(super) struct Part {
     pub table: Table,
 }
 
+impl Part {
+    pub fn new(title: &'static str, text: &str, table: Table) -> Self {
+        Self { title, text: text.to_owned(), table }
+    }
+}
+
 /// A text with the mark and tone of its verdict.
 pub(super) fn marked(text: String, verdict: Verdict) -> Cell {
     match verdict {

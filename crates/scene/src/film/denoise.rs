@@ -192,8 +192,8 @@ pub fn denoised_layers(
 ) -> Result<Vec<(String, Vec<[f32; 3]>)>> {
     let mut picture = NoisyPicture::of(pixels);
     let mut layers = vec![(DENOISED.to_owned(), denoise(&picture)?)];
+    let channels = Aov::Lights.channels(false, false, pixels.light_groups());
     for (i, name) in pixels.light_groups().iter().enumerate() {
-        let channels = Aov::Lights.channels(false, false, pixels.light_groups());
         let value = |c: usize, (x, y)| channels[3 * i + c].float(pixels, x, y);
         picture.images[0] = positions(pixels).map(|at| [0, 1, 2].map(|c| value(c, at))).collect();
         layers.push((format!("{DENOISED}_{name}"), denoise(&picture)?));

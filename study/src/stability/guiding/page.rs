@@ -73,16 +73,15 @@ pub(in crate::stability) fn parts(results: &Results) -> Vec<Part> {
     let unbiased =
         unbiased.column("tests", "z-tests per estimator", |m| faint(m.outcomes[0].outcome.tests.to_string()));
     let modes = Table::of(&results.modes).words("mode", name_of).words("construction", |m| m.construct);
-    let part = |title, text: &str, table| Part { title, text: text.to_owned(), table };
     vec![
-        part("Guiding: who survives what", WORST, survival(results)),
-        part(
+        Part::new("Guiding: who survives what", WORST, survival(results)),
+        Part::new(
             "Guiding: on average",
             "The same ratios, averaged over pixels.",
             field(guidings(results, |_, o| ratio(o.outcome.mean_ratio))),
         ),
-        part("Guiding: means", &family, unbiased.end()),
-        part("Guiding: controls", CONTROLS, controls(&results.controls)),
-        part("Guiding: the modes", METHOD, modes.words("field of `on`", field_of).end()),
+        Part::new("Guiding: means", &family, unbiased.end()),
+        Part::new("Guiding: controls", CONTROLS, controls(&results.controls)),
+        Part::new("Guiding: the modes", METHOD, modes.words("field of `on`", field_of).end()),
     ]
 }

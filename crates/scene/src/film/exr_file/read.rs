@@ -209,12 +209,16 @@ pub(super) fn guarded<T>(decode: impl FnOnce() -> Result<T>) -> std::result::Res
 }
 
 fn decode(bytes: &[u8], layers: &[Option<&str>], fits: &Fits) -> Result<Vec<Picture>> {
-    let headers = checked(bytes)?.headers().to_vec();
+    let chunks = checked(bytes)?;
+    let headers = chunks.headers().to_vec();
+    let mut chunks = Some(chunks);
     let mut all = layers.iter().map(|layer| Decoded::new(&headers, *layer, fits)).collect::<Result<Vec<_>>>()?;
     for part in 0..headers.len() {
         let mut wanted = all.iter_mut().filter(|own| own.part == part).collect::<Vec<_>>();
         if !wanted.is_empty() {
-            each_block(checked(bytes)?, part, |block| wanted.iter_mut().try_for_each(|own| own.put(&block)))?;
+            // The reader of a part is used up: most files have one.
+            let chunks = chunks.take().map_or_else(|| checked(bytes), Ok)?;
+            each_block(chunks, part, |block| wanted.iter_mut().try_for_each(|own| own.put(&block)))?;
         }
     }
     Ok(all.into_iter().zip(layers).map(|(own, layer)| own.converted(*layer)).collect())

@@ -78,12 +78,8 @@ impl PathEvents for Aovs<'_> {
 
     fn unoccluded(&mut self, at: &WaveContext, shadows: &ShadowRays, found: &UnoccludedLight) {
         let path = shadows.path[found.row];
-        self.add_light(
-            at,
-            path,
-            (at.transport.sampled_group(shadows.light(found.row)).into(), at.depth > 0),
-            found.radiance,
-        );
+        let group = at.transport.sampled_group(shadows.light(found.row));
+        self.add_light(at, path, (group.into(), at.depth > 0), found.radiance);
         if at.depth == 0 {
             self.add_direct(path, found.radiance);
         }

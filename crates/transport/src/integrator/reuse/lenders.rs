@@ -57,7 +57,6 @@ impl Lender {
 
     /// Is there anything to lend?
     pub fn is_lit(&self) -> bool {
-        let sum: Vec3 = self.sampled.iter().chain(&self.beyond).sum();
-        sum != Vec3::ZERO
+        self.lit != 0
     }
 }

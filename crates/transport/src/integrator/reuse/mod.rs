@@ -281,9 +281,9 @@ impl<E: PathEvents> PathEvents for PathLight<'_, E> {
     #[inline]
     fn unoccluded(&mut self, at: &WaveContext, shadows: &ShadowRays, found: &UnoccludedLight) {
         if at.depth > 0 {
-            let group = at.transport.sampled_group(shadows.light(found.row));
             let number = shadows.ray[found.row] as usize - at.paths.len();
             if let Some(lender) = self.lending.lender(number) {
+                let group = at.transport.sampled_group(shadows.light(found.row));
                 if at.depth == 1 {
                     let i = usize::from(shadows.kind(found.row) == LightKind::Punctual);
                     (lender.sampled[i], lender.groups[i]) = (found.radiance, group);
