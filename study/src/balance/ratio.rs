@@ -236,13 +236,15 @@ pub fn worst_held_out(own: &Deviations, base: &Deviations, pixels: &[usize], sha
 mod tests {
     use super::*;
     use crate::balance::cell::Replica;
-    use bismar::sampling::SplitMix64;
 
     /// Grey replicas of `pixels` pixels, normal with the deviations of `of`, from `seed`.
     fn cell(seed: u64, replicas: usize, pixels: usize, of: impl Fn(usize) -> f64) -> Cell {
-        let mut random = SplitMix64(seed);
-        let mut normal =
-            move || (-2.0 * (1.0 - random.f64()).ln()).sqrt() * (std::f64::consts::TAU * random.f64()).cos();
+        let mut state = seed;
+        let mut uniform = move || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            ((state >> 11) as f64 + 0.5) / (1u64 << 53) as f64
+        };
+        let mut normal = move || (-2.0 * uniform().ln()).sqrt() * (std::f64::consts::TAU * uniform()).cos();
         let mut cell = Cell::new(pixels);
         for _ in 0..replicas {
             let values = (0..pixels).flat_map(|p| [(1.0 + of(p) * normal()) as f32; 3]).collect();
