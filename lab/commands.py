@@ -17,7 +17,6 @@ import random
 import re
 import shutil
 import signal
-import struct
 import subprocess
 import sys
 import tempfile
@@ -26,6 +25,9 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 reader = importlib.import_module("same-bits")
+sys.path.append(str(ROOT / "lab/bench-peers"))
+from glb import SHORT, Glb
+
 SKIES = sorted(ROOT.glob("scenes/**/*.hdr"))
 # Paths of a picture at most.
 WORK = 800_000
@@ -112,69 +114,25 @@ def on_all_cores(work, items):
         return list(pool.map(work, items))
 
 
-class Scene:
-    """A glTF document with its buffer, built part by part."""
-
-    def __init__(self):
-        self.json = {"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": []}], "nodes": [], "meshes": [],
-                     "materials": [], "accessors": [], "bufferViews": []}
-        self.bin = bytearray()
-
-    def view(self, data):
-        self.bin += b"\0" * (-len(self.bin) % 4)
-        self.json["bufferViews"].append({"buffer": 0, "byteOffset": len(self.bin), "byteLength": len(data)})
-        self.bin += data
-        return len(self.json["bufferViews"]) - 1
-
-    def accessor(self, data, kind, component=5126, **more):
-        """Elements from bytes."""
-        item = {"componentType": component, "type": kind, **more}
-        size = {"SCALAR": 1, "VEC2": 2, "VEC3": 3}[kind] * {5126: 4, 5123: 2}[component]
-        item.update(bufferView=self.view(bytes(data)), count=len(data) // size)
-        if kind == "VEC3" and component == 5126:
-            item.update(min=[-1e3] * 3, max=[1e3] * 3)
-        self.json["accessors"].append(item)
-        return len(self.json["accessors"]) - 1
-
-    def mesh(self, primitive):
-        self.json["meshes"].append({"primitives": [primitive]})
-        return len(self.json["meshes"]) - 1
-
-    def node(self, shown=True, **more):
-        self.json["nodes"].append(more)
-        index = len(self.json["nodes"]) - 1
-        if shown:
-            self.json["scenes"][0]["nodes"].append(index)
-        return index
-
-    def material(self, **more):
-        self.json["materials"].append(more)
-        return len(self.json["materials"]) - 1
-
-    def save(self, path):
-        document = {key: value for key, value in self.json.items() if value != []}
-        if self.bin:
-            document["buffers"] = [{"byteLength": len(self.bin)}]
-        text = json.dumps(document, separators=(",", ":")).encode()
-        text += b" " * (-len(text) % 4)
-        binary = bytes(self.bin) + b"\0" * (-len(self.bin) % 4)
-        chunks = struct.pack("<I4s", len(text), b"JSON") + text
-        if binary:
-            chunks += struct.pack("<I4s", len(binary), b"BIN\0") + binary
-        path.write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)
-
-
 def floats(values):
     return array.array("f", values).tobytes()
+
+
+def vectors(scene, values):
+    """An accessor with bounds, which glTF wants of positions; where they really are does not matter."""
+    return scene.accessor(floats(values), "VEC3", min=[-1e3] * 3, max=[1e3] * 3)
+
+
+def indices(scene, values):
+    return scene.accessor(array.array("H", values).tobytes(), "SCALAR", SHORT)
 
 
 def floor(scene, **more):
     """A square from -1 to 1 as a primitive."""
     corners = [(-1, 0, -1), (-1, 0, 1), (1, 0, -1), (1, 0, 1)]
-    columns = {"POSITION": ([x for p in corners for x in p], "VEC3"), "NORMAL": ([0, 1, 0] * 4, "VEC3"),
-               "TEXCOORD_0": ([x for p in corners for x in (p[0], p[2])], "VEC2")}
-    return {"attributes": {name: scene.accessor(floats(data), kind) for name, (data, kind) in columns.items()},
-            "indices": scene.accessor(array.array("H", [0, 1, 2, 2, 1, 3]).tobytes(), "SCALAR", 5123), **more}
+    attributes = {"POSITION": vectors(scene, [x for p in corners for x in p]), "NORMAL": vectors(scene, [0, 1, 0] * 4),
+                  "TEXCOORD_0": scene.accessor(floats(x for p in corners for x in (p[0], p[2])), "VEC2")}
+    return {"attributes": attributes, "indices": indices(scene, [0, 1, 2, 2, 1, 3]), **more}
 
 
 BOX = [(x, y, z) for x in (-.5, .5) for y in (-.5, .5) for z in (-.5, .5)]
@@ -182,31 +140,30 @@ SIDES = [0, 1, 3, 0, 3, 2, 4, 6, 7, 4, 7, 5, 0, 4, 5, 0, 5, 1, 2, 3, 7, 2, 7, 6,
 
 
 def box(scene, **more):
-    return {"attributes": {"POSITION": scene.accessor(floats(x for p in BOX for x in p), "VEC3")},
-            "indices": scene.accessor(array.array("H", SIDES).tobytes(), "SCALAR", 5123), **more}
+    return {"attributes": {"POSITION": vectors(scene, [x for p in BOX for x in p])}, "indices": indices(scene, SIDES), **more}
 
 
 def animate(scene, nodes, seconds=1.0):
     """Every node moves up and down, on a curve of which no part is a line."""
     time_of = scene.accessor(floats([0, seconds]), "SCALAR", min=[0], max=[seconds])
     # Of each key: the tangent before it, the value, and the tangent after it.
-    value = scene.accessor(floats([0] * 9 + [0, -9, 0, 0, 1, 0, 0, -9, 0]), "VEC3")
+    value = vectors(scene, [0] * 9 + [0, -9, 0, 0, 1, 0, 0, -9, 0])
     scene.json["animations"] = [{"samplers": [{"input": time_of, "output": value, "interpolation": "CUBICSPLINE"}],
                                  "channels": [{"sampler": 0, "target": {"node": n, "path": "translation"}} for n in nodes]}]
 
 
 def moving(path):
     """A box of glass, one of metal, lamps and the camera move over a floor; two variants of its material."""
-    scene = Scene()
-    paint = [scene.material(doubleSided=True, pbrMetallicRoughness={"baseColorFactor": [*c, 1], "metallicFactor": m})
+    scene = Glb()
+    paint = [scene.add("materials", doubleSided=True, pbrMetallicRoughness={"baseColorFactor": [*c, 1], "metallicFactor": m})
              for c, m in (((.7, .6, .5), 0), ((.1, .2, .6), 0), ((.9, .6, .3), .9))]
-    glass = scene.material(pbrMetallicRoughness={"metallicFactor": 0, "roughnessFactor": 0}, extensions={
+    glass = scene.add("materials", pbrMetallicRoughness={"metallicFactor": 0, "roughnessFactor": 0}, extensions={
         "KHR_materials_transmission": {"transmissionFactor": 1}, "KHR_materials_volume": {"thicknessFactor": 1}})
-    lamp = scene.material(emissiveFactor=[1, .8, .6], doubleSided=True)
+    lamp = scene.add("materials", emissiveFactor=[1, .8, .6], doubleSided=True)
     variants = {"KHR_materials_variants": {"mappings": [{"material": m, "variants": [m]} for m in paint[:2]]}}
-    ground = scene.mesh(floor(scene, material=paint[0], extensions=variants))
+    ground = scene.add("meshes", primitives=[floor(scene, material=paint[0], extensions=variants)])
     scene.node(mesh=ground, scale=[4, 1, 4])
-    metal, bottle, bulb = (scene.mesh(box(scene, material=m)) for m in (paint[2], glass, lamp))
+    metal, bottle, bulb = (scene.add("meshes", primitives=[box(scene, material=m)]) for m in (paint[2], glass, lamp))
     lights = [{"type": "point", "intensity": 20}, {"type": "spot", "intensity": 90, "spot": {"outerConeAngle": .5}}]
     # The curves begin and end at the origin: a parent for each, at its place.
     movers = []
@@ -221,7 +178,7 @@ def moving(path):
                                       "KHR_materials_volume"],
                       extensions={"KHR_lights_punctual": {"lights": lights},
                                   "KHR_materials_variants": {"variants": [{"name": "day"}, {"name": "night"}]}})
-    scene.save(path)
+    path.write_bytes(scene.file())
 
 
 def flags_of(bismar):

@@ -12,7 +12,6 @@ import json
 import math
 import os
 import resource
-import struct
 import subprocess
 import sys
 import tempfile
@@ -20,6 +19,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+from glb import Glb
 
 YFOV = 0.7
 DISTANCE = 4.0
@@ -62,27 +62,13 @@ def matrix(azimuth, elevation):
 
 
 def glb(number):
-    binary, views, accessors, meshes, materials = b"", [], [], [], []
+    scene = Glb(extensionsUsed=["KHR_materials_specular"])
     for part, (points, triangles, color) in enumerate(parts(number)):
-        for data, kind, shape in ((points, 5126, "VEC3"), (triangles, 5125, "SCALAR")):
-            views.append({"buffer": 0, "byteOffset": len(binary), "byteLength": data.nbytes})
-            accessor = {"bufferView": len(views) - 1, "componentType": kind, "count": data.size // (3 if shape == "VEC3" else 1), "type": shape}
-            if shape == "VEC3":
-                accessor |= {"min": data.min(0).tolist(), "max": data.max(0).tolist()}
-            accessors.append(accessor)
-            binary += data.tobytes()
         pbr = {"baseColorFactor": [*color, 1], "metallicFactor": 0, "roughnessFactor": 1}
-        materials.append({"pbrMetallicRoughness": pbr, "extensions": {"KHR_materials_specular": {"specularFactor": 0}}})
-        primitive = {"attributes": {"POSITION": 2 * part}, "indices": 2 * part + 1, "material": part}
-        meshes.append({"primitives": [primitive]})
-    nodes = [{"mesh": part, "name": f"part {part}"} for part in range(PARTS)]
-    document = {"asset": {"version": "2.0"}, "extensionsUsed": ["KHR_materials_specular"], "scene": 0, "scenes": [{"nodes": list(range(PARTS))}],
-                "nodes": nodes, "meshes": meshes, "materials": materials, "accessors": accessors, "bufferViews": views,
-                "buffers": [{"byteLength": len(binary)}]}
-    text = json.dumps(document).encode()
-    text += b" " * (-len(text) % 4)
-    chunks = b"".join(struct.pack("<I4s", len(chunk), kind) + chunk for kind, chunk in ((b"JSON", text), (b"BIN\0", binary)))
-    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
+        matt = {"KHR_materials_specular": {"specularFactor": 0}}
+        material = scene.add("materials", pbrMetallicRoughness=pbr, extensions=matt)
+        scene.node(mesh=scene.mesh(points, triangles, material), name=f"part {part}")
+    return scene.file()
 
 
 def by_bismar(opt, number, path):

@@ -5,13 +5,12 @@ Fresnel with F0 = base colour), triangles are flat and lamps shine from their fr
 given the same light transport.
 """
 
-import json
-import struct
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from glb import Glb
 
 
 @dataclass
@@ -69,50 +68,19 @@ class Scene:
 
     def write(self, path):
         """As binary glTF."""
-        chunk, views, accessors = bytearray(), [], []
-
-        def accessor(array, component, kind, target):
-            views.append({"buffer": 0, "byteOffset": len(chunk), "byteLength": array.nbytes, "target": target})
-            chunk.extend(array.tobytes())
-            bounds = {"min": array.min(0).tolist(), "max": array.max(0).tolist()} if kind == "VEC3" else {}
-            kind_of = {"bufferView": len(views) - 1, "componentType": component, "count": len(array), "type": kind}
-            accessors.append(kind_of | bounds)
-            return len(accessors) - 1
-
-        meshes, nodes = [], []
-        for index, mesh in enumerate(self.meshes):
-            position = accessor(mesh.vertices.astype("<f4"), 5126, "VEC3", 34962)
-            triangles = accessor(mesh.triangles.astype("<u4").reshape(-1, 1), 5125, "SCALAR", 34963)
-            meshes.append({"primitives": [{"attributes": {"POSITION": position}, "indices": triangles, "material": index}]})
-            nodes += [{"mesh": index}] if not mesh.places else []
+        glb = Glb(extensionsUsed=["KHR_materials_emissive_strength", "KHR_materials_specular"])
+        for mesh in self.meshes:
+            index = glb.mesh(mesh.vertices, mesh.triangles, glb.add("materials", **mesh.material.gltf()))
+            if not mesh.places:
+                glb.node(mesh=index)
             for place in mesh.places:
                 half = place.angle / 2
-                nodes.append({
-                    "mesh": index,
-                    "translation": [float(x) for x in place.move],
-                    "rotation": [0.0, float(np.sin(half)), 0.0, float(np.cos(half))],
-                    "scale": [float(place.scale)] * 3,
-                })
-        nodes.append({"name": "camera", "camera": 0, "matrix": self.camera().T.ravel().tolist()})
-        document = {
-            "asset": {"version": "2.0", "generator": "bench-peers"},
-            "extensionsUsed": ["KHR_materials_emissive_strength", "KHR_materials_specular"],
-            "scene": 0,
-            "scenes": [{"nodes": list(range(len(nodes)))}],
-            "nodes": nodes,
-            "meshes": meshes,
-            "materials": [mesh.material.gltf() for mesh in self.meshes],
-            "cameras": [{"type": "perspective", "perspective": {"yfov": self.yfov, "znear": 0.01, "aspectRatio": 1.0}}],
-            "accessors": accessors,
-            "bufferViews": views,
-            "buffers": [{"byteLength": len(chunk)}],
-        }
-        text = json.dumps(document, separators=(",", ":")).encode()
-        text += b" " * (-len(text) % 4)
-        with open(path, "wb") as file:
-            file.write(struct.pack("<III", 0x46546C67, 2, 28 + len(text) + len(chunk)))
-            file.write(struct.pack("<II", len(text), 0x4E4F534A) + text)
-            file.write(struct.pack("<II", len(chunk), 0x004E4942) + chunk)
+                rotation = [0.0, float(np.sin(half)), 0.0, float(np.cos(half))]
+                translation = [float(x) for x in place.move]
+                glb.node(mesh=index, translation=translation, rotation=rotation, scale=[float(place.scale)] * 3)
+        camera = glb.add("cameras", type="perspective", perspective={"yfov": self.yfov, "znear": 0.01, "aspectRatio": 1.0})
+        glb.node(name="camera", camera=camera, matrix=self.camera().T.ravel().tolist())
+        path.write_bytes(glb.file())
 
     def camera(self):
         """Camera to world."""

@@ -136,13 +136,7 @@ pub fn scene() -> Glb {
     for _ in 0..3400 {
         let (x, z) = spot(&mut random);
         let dry = patches(x, z, 5) + random.between(-0.18, 0.18);
-        let kind = if dry < 0.45 {
-            0
-        } else if dry < 0.6 {
-            1
-        } else {
-            2
-        };
+        let kind = usize::from(dry >= 0.45) + usize::from(dry >= 0.6);
         let size = random.between(0.34, 0.62);
         glb.instance(tufts[kind], &place(&mut random, x, z, size, 0.01, 0.5));
     }

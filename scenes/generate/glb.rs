@@ -1,14 +1,15 @@
 //! Writes binary glTF: the few parts of it that these scenes use.
 
+use std::array;
 use std::collections::BTreeSet;
 
-use glam::{DMat3, DQuat, DVec2, DVec3};
+use glam::{DMat3, DQuat, DVec3};
 use serde_json::{Map, Value, json};
 
 use crate::mesh::Mesh;
 
 /// A material of the metallic-roughness model. Colours are linear RGB.
-#[derive(Clone)]
+#[derive(Clone, Default)]
 pub struct Material {
     pub name: &'static str,
     pub color: [f64; 3],
@@ -30,38 +31,20 @@ pub struct Material {
 }
 
 impl Material {
-    fn plain(name: &'static str, color: [f64; 3], metallic: f64, roughness: f64) -> Self {
-        Self {
-            name,
-            color,
-            metallic,
-            roughness,
-            emission: [0.0; 3],
-            lambert: false,
-            double_sided: false,
-            color_texture: None,
-            metallic_roughness_texture: None,
-            normal_texture: None,
-            emission_texture: None,
-            masked: false,
-            transmission: 0.0,
-        }
-    }
-
     pub fn metal(name: &'static str, color: [f64; 3], roughness: f64) -> Self {
-        Self::plain(name, color, 1.0, roughness)
+        Self { metallic: 1.0, ..Self::dielectric(name, color, roughness) }
     }
 
     pub fn dielectric(name: &'static str, color: [f64; 3], roughness: f64) -> Self {
-        Self::plain(name, color, 0.0, roughness)
+        Self { name, color, roughness, ..Self::default() }
     }
 
     pub fn lambert(name: &'static str, color: [f64; 3]) -> Self {
-        Self { lambert: true, ..Self::plain(name, color, 0.0, 1.0) }
+        Self { lambert: true, ..Self::dielectric(name, color, 1.0) }
     }
 
     pub fn emitter(name: &'static str, emission: [f64; 3]) -> Self {
-        Self { emission, lambert: true, ..Self::plain(name, [0.0; 3], 0.0, 1.0) }
+        Self { emission, ..Self::lambert(name, [0.0; 3]) }
     }
 }
 
@@ -101,7 +84,7 @@ pub struct Glb {
     meshes: Vec<Value>,
     cameras: Vec<Value>,
     nodes: Vec<Value>,
-    extensions: BTreeSet<&'static str>,
+    extensions: BTreeSet<String>,
 }
 
 const FLOAT: u32 = 5126;
@@ -122,41 +105,34 @@ impl Glb {
         self.views.len() - 1
     }
 
-    fn floats<const N: usize>(&mut self, rows: &[[f32; N]], bounds: bool) -> usize {
+    /// Puts an attribute of vertices into the file, unless it is empty.
+    fn attribute<const N: usize>(&mut self, all: &mut Map<String, Value>, name: &str, rows: Vec<[f32; N]>) {
+        if rows.is_empty() {
+            return;
+        }
         let bytes: Vec<u8> = rows.iter().flatten().flat_map(|x| x.to_le_bytes()).collect();
         let view = self.view(&bytes, Some(ARRAY_BUFFER));
         let mut accessor =
             json!({ "bufferView": view, "componentType": FLOAT, "count": rows.len(), "type": format!("VEC{N}") });
-        if bounds {
-            let fold = |f: fn(f32, f32) -> f32, start: f32| -> Vec<f32> {
-                (0..N).map(|k| rows.iter().map(|row| row[k]).fold(start, f)).collect()
-            };
-            accessor["min"] = json!(fold(f32::min, f32::INFINITY));
-            accessor["max"] = json!(fold(f32::max, f32::NEG_INFINITY));
+        // glTF wants the bounds of positions alone.
+        if name == "POSITION" {
+            let fold = |f: fn(f32, f32) -> f32| rows.iter().copied().reduce(|a, b| array::from_fn(|k| f(a[k], b[k])));
+            accessor["min"] = json!(fold(f32::min).map(Vec::from));
+            accessor["max"] = json!(fold(f32::max).map(Vec::from));
         }
         self.accessors.push(accessor);
-        self.accessors.len() - 1
+        all.insert(name.into(), json!(self.accessors.len() - 1));
     }
 
     /// Puts vertices and triangles into the file. Normals and texture coordinates are left out where the mesh has none.
     pub fn geometry(&mut self, mesh: &Mesh) -> Geometry {
         let vec3 = |v: &DVec3| v.as_vec3().to_array();
-        let vec2 = |v: &DVec2| v.as_vec2().to_array();
         let mut attributes = Map::new();
-        let positions: Vec<_> = mesh.positions.iter().map(vec3).collect();
-        attributes.insert("POSITION".into(), json!(self.floats(&positions, true)));
-        if !mesh.normals.is_empty() {
-            let normals: Vec<_> = mesh.normals.iter().map(vec3).collect();
-            attributes.insert("NORMAL".into(), json!(self.floats(&normals, false)));
-        }
-        if !mesh.uvs.is_empty() {
-            let uvs: Vec<_> = mesh.uvs.iter().map(vec2).collect();
-            attributes.insert("TEXCOORD_0".into(), json!(self.floats(&uvs, false)));
-        }
-        if !mesh.tangents.is_empty() {
-            let tangents: Vec<_> = mesh.tangents.iter().map(|t| t.as_vec3().extend(1.0).to_array()).collect();
-            attributes.insert("TANGENT".into(), json!(self.floats(&tangents, false)));
-        }
+        self.attribute(&mut attributes, "POSITION", mesh.positions.iter().map(vec3).collect());
+        self.attribute(&mut attributes, "NORMAL", mesh.normals.iter().map(vec3).collect());
+        self.attribute(&mut attributes, "TEXCOORD_0", mesh.uvs.iter().map(|v| v.as_vec2().to_array()).collect());
+        let tangents = mesh.tangents.iter().map(|t| t.as_vec3().extend(1.0).to_array());
+        self.attribute(&mut attributes, "TANGENT", tangents.collect());
         let indices = mesh.triangles.iter().flatten();
         // 65535 is the primitive restart value.
         let short = mesh.positions.len() <= 65535;
@@ -182,47 +158,34 @@ impl Glb {
 
     pub fn material(&mut self, m: &Material) -> usize {
         let [r, g, b] = m.color;
-        let mut pbr = json!({
-            "baseColorFactor": [r, g, b, 1.0], "metallicFactor": m.metallic, "roughnessFactor": m.roughness
-        });
-        if let Some(texture) = m.color_texture {
-            pbr["baseColorTexture"] = json!({ "index": texture });
-        }
-        if let Some(texture) = m.metallic_roughness_texture {
-            pbr["metallicRoughnessTexture"] = json!({ "index": texture });
-        }
-        let mut material = json!({ "name": m.name, "pbrMetallicRoughness": pbr });
-        if let Some((texture, scale)) = m.normal_texture {
-            material["normalTexture"] = json!({ "index": texture, "scale": scale });
-        }
-        if let Some(texture) = m.emission_texture {
-            material["emissiveTexture"] = json!({ "index": texture });
-        }
-        if m.masked {
-            material["alphaMode"] = json!("MASK");
-        }
-        if m.double_sided {
-            material["doubleSided"] = json!(true);
-        }
-        let mut extensions = Map::new();
-        if m.lambert {
-            self.extensions.insert("KHR_materials_specular");
-            extensions.insert("KHR_materials_specular".into(), json!({ "specularFactor": 0.0 }));
-        }
+        let texture = |index: Option<usize>| index.map(|index| json!({ "index": index }));
+        let pbr = present([
+            ("baseColorFactor", Some(json!([r, g, b, 1.0]))),
+            ("metallicFactor", Some(json!(m.metallic))),
+            ("roughnessFactor", Some(json!(m.roughness))),
+            ("baseColorTexture", texture(m.color_texture)),
+            ("metallicRoughnessTexture", texture(m.metallic_roughness_texture)),
+        ]);
         let strength = m.emission.into_iter().fold(0.0, f64::max);
-        if strength > 0.0 {
-            self.extensions.insert("KHR_materials_emissive_strength");
-            material["emissiveFactor"] = json!(m.emission.map(|e| round(e / strength, 6)));
-            extensions.insert("KHR_materials_emissive_strength".into(), json!({ "emissiveStrength": strength }));
-        }
-        if m.transmission > 0.0 {
-            self.extensions.insert("KHR_materials_transmission");
-            extensions.insert("KHR_materials_transmission".into(), json!({ "transmissionFactor": m.transmission }));
-        }
-        if !extensions.is_empty() {
-            material["extensions"] = Value::Object(extensions);
-        }
-        self.materials.push(material);
+        let shines = strength > 0.0;
+        let passes = m.transmission > 0.0;
+        let extensions = present([
+            ("KHR_materials_specular", m.lambert.then(|| json!({ "specularFactor": 0.0 }))),
+            ("KHR_materials_emissive_strength", shines.then(|| json!({ "emissiveStrength": strength }))),
+            ("KHR_materials_transmission", passes.then(|| json!({ "transmissionFactor": m.transmission }))),
+        ]);
+        self.extensions.extend(extensions.keys().cloned());
+        let normal = m.normal_texture.map(|(index, scale)| json!({ "index": index, "scale": scale }));
+        self.materials.push(Value::Object(present([
+            ("name", Some(json!(m.name))),
+            ("pbrMetallicRoughness", Some(Value::Object(pbr))),
+            ("normalTexture", normal),
+            ("emissiveTexture", texture(m.emission_texture)),
+            ("alphaMode", m.masked.then(|| json!("MASK"))),
+            ("doubleSided", m.double_sided.then_some(json!(true))),
+            ("emissiveFactor", shines.then(|| json!(m.emission.map(|e| round(e / strength, 6))))),
+            ("extensions", (!extensions.is_empty()).then_some(Value::Object(extensions))),
+        ])));
         self.materials.len() - 1
     }
 
@@ -306,19 +269,16 @@ impl Glb {
         }
         let mut text = root.to_string().into_bytes();
         text.resize(text.len().next_multiple_of(4), b' ');
-        let mut file = Vec::with_capacity(28 + text.len() + self.bin.len());
-        file.extend_from_slice(b"glTF");
-        let total = 28 + text.len() + self.bin.len();
-        for word in [2, total as u32, text.len() as u32] {
-            file.extend_from_slice(&word.to_le_bytes());
-        }
-        file.extend_from_slice(b"JSON");
-        file.extend_from_slice(&text);
-        file.extend_from_slice(&(self.bin.len() as u32).to_le_bytes());
-        file.extend_from_slice(b"BIN\0");
-        file.extend_from_slice(&self.bin);
-        file
+        let size = |bytes: usize| (bytes as u32).to_le_bytes();
+        let (total, binary) = (size(28 + text.len() + self.bin.len()), size(self.bin.len()));
+        let json = [&2_u32.to_le_bytes()[..], &total, &size(text.len()), b"JSON", &text].concat();
+        [b"glTF", &json[..], &binary, b"BIN\0", &self.bin].concat()
     }
+}
+
+/// An object of those of the entries that there are.
+fn present<const N: usize>(entries: [(&str, Option<Value>); N]) -> Map<String, Value> {
+    entries.into_iter().filter_map(|(key, value)| Some((key.to_owned(), value?))).collect()
 }
 
 /// To `digits` decimals, and no negative zero.

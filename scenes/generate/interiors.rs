@@ -4,7 +4,7 @@ use glam::{DVec3, dvec3};
 use image::ImageError;
 
 use crate::glb::{Glb, Material};
-use crate::mesh::{Mesh, cuboid, lathe, profile_spline, rounded_box, sphere};
+use crate::mesh::{Mesh, cuboid, inside_out, lathe, profile_spline, rounded_box, sphere};
 use crate::pictures::Sky;
 
 /// A box between two corners.
@@ -122,13 +122,8 @@ pub fn shade() -> Glb {
     // Open below: its light falls on the table alone.
     let hood = [(0.06, 0.34), (0.10, 0.2), (0.2, 0.0)];
     let outside = lathe(&profile_spline(&hood, 6), 40, 60.0);
-    let inside = Mesh {
-        triangles: outside.triangles.iter().map(|&[a, b, c]| [a, c, b]).collect(),
-        normals: outside.normals.iter().map(|n| -*n).collect(),
-        ..outside.clone()
-    };
     let hung = dvec3(0.6, 1.45, -1.0);
-    glb.object("hood", &outside.and(&inside).translated(hung), brass);
+    glb.object("hood", &outside.clone().and(&inside_out(&outside)).translated(hung), brass);
     glb.object("bulb", &sphere(0.045, 12).translated(hung + DVec3::Y * 0.2), bulb);
     glb.object("table", &between(dvec3(0.1, 0.68, -1.4), dvec3(1.3, 0.74, -0.5)), boards);
     glb.object("foot", &between(dvec3(0.6, 0.0, -1.05), dvec3(0.8, 0.68, -0.85)), boards);

@@ -198,6 +198,15 @@ pub fn tube(path: &[DVec3], segments: u32, closed: bool, radius: impl Fn(f64) ->
     mesh
 }
 
+/// The same surface seen from its other side.
+pub fn inside_out(mesh: &Mesh) -> Mesh {
+    Mesh {
+        triangles: mesh.triangles.iter().map(|&[a, b, c]| [a, c, b]).collect(),
+        normals: mesh.normals.iter().map(|n| -*n).collect(),
+        ..mesh.clone()
+    }
+}
+
 /// A ring about +y.
 pub fn torus(ring_radius: f64, tube_radius: f64, steps: u32, segments: u32) -> Mesh {
     let path: Vec<_> = (0..steps)
@@ -210,44 +219,17 @@ pub fn torus(ring_radius: f64, tube_radius: f64, steps: u32, segments: u32) -> M
 /// An icosahedron, each triangle split in four `splits` times, on the unit sphere; normals are the positions.
 pub fn icosphere(splits: u32) -> Mesh {
     let g = (1.0 + 5f64.sqrt()) / 2.0;
-    let mut positions: Vec<DVec3> = [
-        (-1.0, g, 0.0),
-        (1.0, g, 0.0),
-        (-1.0, -g, 0.0),
-        (1.0, -g, 0.0),
-        (0.0, -1.0, g),
-        (0.0, 1.0, g),
-        (0.0, -1.0, -g),
-        (0.0, 1.0, -g),
-        (g, 0.0, -1.0),
-        (g, 0.0, 1.0),
-        (-g, 0.0, -1.0),
-        (-g, 0.0, 1.0),
-    ]
-    .map(|(x, y, z)| dvec3(x, y, z).normalize())
-    .into();
-    let mut triangles: Vec<[u32; 3]> = vec![
-        [0, 11, 5],
-        [0, 5, 1],
-        [0, 1, 7],
-        [0, 7, 10],
-        [0, 10, 11],
-        [1, 5, 9],
-        [5, 11, 4],
-        [11, 10, 2],
-        [10, 7, 6],
-        [7, 1, 8],
-        [3, 9, 4],
-        [3, 4, 2],
-        [3, 2, 6],
-        [3, 6, 8],
-        [3, 8, 9],
-        [4, 9, 5],
-        [2, 4, 11],
-        [6, 2, 10],
-        [8, 6, 7],
-        [9, 8, 1],
+    // The corners of three golden rectangles.
+    let rectangle = [(-1.0, g), (1.0, g), (-1.0, -g), (1.0, -g)];
+    let turns: [fn((f64, f64)) -> DVec3; 3] =
+        [|(a, b)| dvec3(a, b, 0.0), |(a, b)| dvec3(0.0, a, b), |(a, b)| dvec3(b, 0.0, a)];
+    let corners = turns.iter().flat_map(|turn| rectangle.map(turn));
+    let mut positions: Vec<DVec3> = corners.map(DVec3::normalize).collect();
+    let corners = [
+        0, 11, 5, 0, 5, 1, 0, 1, 7, 0, 7, 10, 0, 10, 11, 1, 5, 9, 5, 11, 4, 11, 10, 2, 10, 7, 6, 7, 1, 8, 3, 9, 4, 3,
+        4, 2, 3, 2, 6, 3, 6, 8, 3, 8, 9, 4, 9, 5, 2, 4, 11, 6, 2, 10, 8, 6, 7, 9, 8, 1,
     ];
+    let mut triangles: Vec<[u32; 3]> = corners.as_chunks().0.to_vec();
     for _ in 0..splits {
         let mut middles = std::collections::BTreeMap::new();
         let mut middle = |a: u32, b: u32| {

@@ -24,10 +24,8 @@ pub fn png(picture: &RgbImage) -> Result<Vec<u8>, ImageError> {
 /// A picture with an alpha of 0 or 1, as PNG, from a function of (u, v) at the texel centres, v downwards; linear
 /// colour.
 pub fn masked(width: u32, height: u32, at: impl Fn(f64, f64) -> ([f64; 3], bool)) -> Result<Vec<u8>, ImageError> {
-    let byte = |c: f64| (c.clamp(0.0, 1.0) * 255.0).round() as u8;
     let picture = RgbaImage::from_fn(width, height, |x, y| {
-        let (u, v) = ((f64::from(x) + 0.5) / f64::from(width), (f64::from(y) + 0.5) / f64::from(height));
-        let (color, inside) = at(u, v);
+        let (color, inside) = at((f64::from(x) + 0.5) / f64::from(width), (f64::from(y) + 0.5) / f64::from(height));
         let [r, g, b] = encode(DVec3::from_array(color)).map(byte);
         Rgba([r, g, b, if inside { 255 } else { 0 }])
     });
@@ -45,9 +43,12 @@ pub fn jpeg(picture: &RgbImage, quality: u8) -> Result<Vec<u8>, ImageError> {
 /// A picture from a function of (u, v) at the texel centres, v downwards.
 pub fn paint(width: u32, height: u32, at: impl Fn(f64, f64) -> [f64; 3]) -> RgbImage {
     RgbImage::from_fn(width, height, |x, y| {
-        let (u, v) = ((f64::from(x) + 0.5) / f64::from(width), (f64::from(y) + 0.5) / f64::from(height));
-        Rgb(at(u, v).map(|c| (c.clamp(0.0, 1.0) * 255.0).round() as u8))
+        Rgb(at((f64::from(x) + 0.5) / f64::from(width), (f64::from(y) + 0.5) / f64::from(height)).map(byte))
     })
+}
+
+fn byte(c: f64) -> u8 {
+    (c.clamp(0.0, 1.0) * 255.0).round() as u8
 }
 
 /// sRGB-encoded.

@@ -7,7 +7,9 @@ use glam::{DQuat, DVec3, dvec2, dvec3};
 use image::ImageError;
 
 use crate::glb::{Glb, Material, Placement};
-use crate::mesh::{Mesh, cuboid, lathe, panel, profile_spline, quad, rounded_box, sphere, textured_rectangle, tube};
+use crate::mesh::{
+    Mesh, cuboid, inside_out, lathe, panel, profile_spline, quad, rounded_box, sphere, textured_rectangle, tube,
+};
 use crate::pictures::{self, Sky};
 use crate::random::{Random, fractal};
 
@@ -61,16 +63,9 @@ pub fn window() -> Glb {
         glb.object("left wall", &cuboid(size).translated(dvec3(x, (y0 + y1) / 2.0, (z0 + z1) / 2.0)), white);
     }
     // Nothing gets in from behind the camera.
-    glb.object(
-        "front wall",
-        &quad([
-            dvec3(w / 2.0, 0.0, d / 2.0),
-            dvec3(-w / 2.0, 0.0, d / 2.0),
-            dvec3(-w / 2.0, h, d / 2.0),
-            dvec3(w / 2.0, h, d / 2.0),
-        ]),
-        white,
-    );
+    let (x, z) = (w / 2.0, d / 2.0);
+    let front = [dvec3(x, 0.0, z), dvec3(-x, 0.0, z), dvec3(-x, h, z), dvec3(x, h, z)];
+    glb.object("front wall", &quad(front), white);
     glb.object("roof", &block(dvec3(w + 1.0, 0.1, d + 0.2), dvec3(0.0, h + 0.01, 0.0), 0.0), white);
     glb.object("table", &block(dvec3(1.3, 0.06, 0.8), dvec3(-0.2, 0.7, -0.4), 0.2), oak);
     for (sx, sz) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
@@ -215,13 +210,8 @@ pub fn uplights() -> Glb {
     for x in [-1.7, 1.7] {
         // A bowl around the area light that lets nothing sideways.
         let bowl = profile_spline(&[(0.0, 0.0), (0.2, 0.03), (0.27, 0.18)], 6);
-        let mut shade = lathe(&bowl, 32, 60.0);
-        let inside = Mesh {
-            triangles: shade.triangles.iter().map(|&[a, b, c]| [a, c, b]).collect(),
-            normals: shade.normals.iter().map(|n| -*n).collect(),
-            ..shade.clone()
-        };
-        shade = shade.and(&inside);
+        let bowl = lathe(&bowl, 32, 60.0);
+        let shade = bowl.clone().and(&inside_out(&bowl));
         glb.object("bowl", &shade.translated(dvec3(x, 1.9, -2.1)), gloss);
         glb.object("lamp", &panel(dvec3(x, 1.98, -2.1), dvec3(x, 3.0, -2.09), 0.2, 0.2), emitter);
     }

@@ -59,13 +59,6 @@ impl Bare {
             Self { device, scene }
         }
     }
-
-    fn flags(order: RayOrder) -> sys::RTCRayQueryFlags {
-        match order {
-            RayOrder::Coherent => sys::RTC_RAY_QUERY_FLAG_COHERENT,
-            RayOrder::Incoherent => sys::RTC_RAY_QUERY_FLAG_INCOHERENT,
-        }
-    }
 }
 
 impl Drop for Bare {
@@ -78,114 +71,58 @@ impl Drop for Bare {
     }
 }
 
+/// Rays of a packet.
+const WIDTH: usize = 16;
+
 /// Embree wants a packet's lane mask aligned like the packet.
 #[repr(C, align(64))]
-struct Lanes<const N: usize>([i32; N]);
+struct Lanes([i32; WIDTH]);
 
-macro_rules! width {
-    ($name:ident, $n:literal, $ray_hit:ident, $ray:ident, $intersect:ident, $occluded:ident) => {
-        /// Seconds inside the calls for one batch, and how many rays hit. The rays stand ready in packets.
-        pub fn $name(bare: &Bare, kind: Kind, order: RayOrder, rays: &RayBatch) -> (f64, usize) {
-            let starts = (0..rays.len()).step_by($n);
-            let valid: Vec<Lanes<$n>> = starts
-                .clone()
-                .map(|s| Lanes(std::array::from_fn(|i| if s + i < rays.len() { -1 } else { 0 })))
-                .collect();
-            let packet = |start: usize| {
-                let lane = |column: &[f32]| std::array::from_fn(|i| column.get(start + i).copied().unwrap_or(0.0));
-                let mut packet = sys::$ray_hit::default();
-                [packet.ray.org_x, packet.ray.org_y, packet.ray.org_z] = std::array::from_fn(|a| lane(&rays.origin[a]));
-                [packet.ray.dir_x, packet.ray.dir_y, packet.ray.dir_z] =
-                    std::array::from_fn(|a| lane(&rays.direction[a]));
-                (packet.ray.tnear, packet.ray.tfar) = (lane(&rays.tnear), lane(&rays.tfar));
-                packet.ray.mask = [u32::MAX; $n];
-                packet.hit.geomID = [sys::RTC_INVALID_GEOMETRY_ID; $n];
-                packet
-            };
-            let mut context = sys::init_ray_query_context();
-            match kind {
-                Kind::Closest => {
-                    let mut packets: Vec<_> = starts.map(packet).collect();
-                    let mut arguments = sys::RTCIntersectArguments {
-                        flags: Bare::flags(order),
-                        feature_mask: sys::RTC_FEATURE_FLAG_ALL,
-                        context: &raw mut context,
-                        filter: None,
-                        intersect: None,
-                    };
-                    let start = thread_seconds();
-                    for (packet, valid) in packets.iter_mut().zip(&valid) {
-                        // SAFETY: the scene is committed, mask and packet are aligned by their types.
-                        unsafe { sys::$intersect(valid.0.as_ptr(), bare.scene, packet, &raw mut arguments) };
-                    }
-                    let seconds = thread_seconds() - start;
-                    let hit = |p: &sys::$ray_hit| p.hit.geomID.iter().filter(|g| **g != u32::MAX).count();
-                    (seconds, packets.iter().map(hit).sum())
-                }
-                Kind::Occluded => {
-                    let mut packets: Vec<sys::$ray> = starts.map(|s| packet(s).ray).collect();
-                    let mut arguments = sys::RTCOccludedArguments {
-                        flags: Bare::flags(order),
-                        feature_mask: sys::RTC_FEATURE_FLAG_ALL,
-                        context: &raw mut context,
-                        filter: None,
-                        occluded: None,
-                    };
-                    let start = thread_seconds();
-                    for (packet, valid) in packets.iter_mut().zip(&valid) {
-                        // SAFETY: as above.
-                        unsafe { sys::$occluded(valid.0.as_ptr(), bare.scene, packet, &raw mut arguments) };
-                    }
-                    let seconds = thread_seconds() - start;
-                    let hit = |p: &sys::$ray| p.tfar.iter().filter(|t| **t == f32::NEG_INFINITY).count();
-                    (seconds, packets.iter().map(hit).sum())
-                }
+/// Seconds inside the calls for one batch, and how many rays hit. The rays stand ready in packets.
+pub fn query(bare: &Bare, kind: Kind, order: RayOrder, rays: &RayBatch) -> (f64, usize) {
+    let starts = (0..rays.len()).step_by(WIDTH);
+    let mask = |s: usize| Lanes(std::array::from_fn(|i| if s + i < rays.len() { -1 } else { 0 }));
+    let valid: Vec<_> = starts.clone().map(mask).collect();
+    let packet = |start: usize| {
+        let lane = |column: &[f32]| std::array::from_fn(|i| column.get(start + i).copied().unwrap_or(0.0));
+        let mut packet = sys::RTCRayHit16::default();
+        [packet.ray.org_x, packet.ray.org_y, packet.ray.org_z] = std::array::from_fn(|a| lane(&rays.origin[a]));
+        [packet.ray.dir_x, packet.ray.dir_y, packet.ray.dir_z] = std::array::from_fn(|a| lane(&rays.direction[a]));
+        (packet.ray.tnear, packet.ray.tfar) = (lane(&rays.tnear), lane(&rays.tfar));
+        packet.ray.mask = [u32::MAX; WIDTH];
+        packet.hit.geomID = [sys::RTC_INVALID_GEOMETRY_ID; WIDTH];
+        packet
+    };
+    let flags = match order {
+        RayOrder::Coherent => sys::RTC_RAY_QUERY_FLAG_COHERENT,
+        RayOrder::Incoherent => sys::RTC_RAY_QUERY_FLAG_INCOHERENT,
+    };
+    let (feature_mask, mut context) = (sys::RTC_FEATURE_FLAG_ALL, sys::init_ray_query_context());
+    let context = &raw mut context;
+    match kind {
+        Kind::Closest => {
+            let mut packets: Vec<_> = starts.map(packet).collect();
+            let mut arguments =
+                sys::RTCIntersectArguments { flags, feature_mask, context, filter: None, intersect: None };
+            let start = thread_seconds();
+            for (packet, valid) in packets.iter_mut().zip(&valid) {
+                // SAFETY: the scene is committed, mask and packet are aligned by their types.
+                unsafe { sys::rtcIntersect16(valid.0.as_ptr(), bare.scene, packet, &raw mut arguments) };
             }
+            let seconds = thread_seconds() - start;
+            (seconds, packets.iter().flat_map(|p| p.hit.geomID).filter(|g| *g != sys::RTC_INVALID_GEOMETRY_ID).count())
         }
-    };
-}
-
-width!(wide16, 16, RTCRayHit16, RTCRay16, rtcIntersect16, rtcOccluded16);
-width!(wide8, 8, RTCRayHit8, RTCRay8, rtcIntersect8, rtcOccluded8);
-
-/// As the others, ray by ray.
-pub fn single(bare: &Bare, kind: Kind, order: RayOrder, rays: &RayBatch) -> (f64, usize) {
-    let ray_hit = |i: usize| {
-        let mut one = sys::RTCRayHit::default();
-        [one.ray.org_x, one.ray.org_y, one.ray.org_z] = std::array::from_fn(|a| rays.origin[a][i]);
-        [one.ray.dir_x, one.ray.dir_y, one.ray.dir_z] = std::array::from_fn(|a| rays.direction[a][i]);
-        (one.ray.tnear, one.ray.tfar, one.ray.mask) = (rays.tnear[i], rays.tfar[i], u32::MAX);
-        one.hit.geomID = sys::RTC_INVALID_GEOMETRY_ID;
-        one
-    };
-    let mut context = sys::init_ray_query_context();
-    let mut all: Vec<_> = (0..rays.len()).map(ray_hit).collect();
-    let mut intersect = sys::RTCIntersectArguments {
-        flags: Bare::flags(order),
-        feature_mask: sys::RTC_FEATURE_FLAG_ALL,
-        context: &raw mut context,
-        filter: None,
-        intersect: None,
-    };
-    let mut occluded = sys::RTCOccludedArguments {
-        flags: Bare::flags(order),
-        feature_mask: sys::RTC_FEATURE_FLAG_ALL,
-        context: &raw mut context,
-        filter: None,
-        occluded: None,
-    };
-    let start = thread_seconds();
-    for one in &mut all {
-        // SAFETY: the scene is committed, the ray is aligned by its type.
-        match kind {
-            Kind::Closest => unsafe { sys::rtcIntersect1(bare.scene, one, &raw mut intersect) },
-            Kind::Occluded => unsafe { sys::rtcOccluded1(bare.scene, &raw mut one.ray, &raw mut occluded) },
+        Kind::Occluded => {
+            let mut packets: Vec<_> = starts.map(|s| packet(s).ray).collect();
+            let mut arguments =
+                sys::RTCOccludedArguments { flags, feature_mask, context, filter: None, occluded: None };
+            let start = thread_seconds();
+            for (packet, valid) in packets.iter_mut().zip(&valid) {
+                // SAFETY: as above.
+                unsafe { sys::rtcOccluded16(valid.0.as_ptr(), bare.scene, packet, &raw mut arguments) };
+            }
+            let seconds = thread_seconds() - start;
+            (seconds, packets.iter().flat_map(|p| p.tfar).filter(|t| *t == f32::NEG_INFINITY).count())
         }
     }
-    let seconds = thread_seconds() - start;
-    let hit = |one: &&sys::RTCRayHit| match kind {
-        Kind::Closest => one.hit.geomID != sys::RTC_INVALID_GEOMETRY_ID,
-        Kind::Occluded => one.ray.tfar == f32::NEG_INFINITY,
-    };
-    (seconds, all.iter().filter(hit).count())
 }

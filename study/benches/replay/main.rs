@@ -126,8 +126,7 @@ fn replay(scene: &Arc<Scene>, rays: &dyn RayQueries, rounds: usize, spp: u32) ->
     println!("{} batches: {} rays, {} shadow rays", tape.len(), count(Kind::Closest), count(Kind::Occluded));
 
     let bare = Bare::build(scene);
-    let bares = [("16 wide", bare::wide16 as fn(&_, _, _, &_) -> _), ("8 wide", bare::wide8), ("single", bare::single)];
-    let (mut whole, mut ours, mut theirs) = (Vec::new(), Vec::new(), [const { Vec::new() }; 3]);
+    let (mut whole, mut ours, mut theirs) = (Vec::new(), Vec::new(), Vec::new());
     let mut shares = Vec::new();
     for _ in 0..rounds {
         let watch = Stopwatch::new(rays);
@@ -142,13 +141,13 @@ fn replay(scene: &Arc<Scene>, rays: &dyn RayQueries, rounds: usize, spp: u32) ->
         shares.push((seconds, watch.shares()));
         let (seconds, hits) = again(rays, &tape);
         ours.push(seconds);
-        for ((name, query), list) in bares.iter().zip(&mut theirs) {
-            let (seconds, bare_hits) = bare_loop(*query, &bare, &tape);
-            list.push(seconds);
-            // Packets decide otherwise on edges, now and then.
-            if hits.abs_diff(bare_hits) > hits / 1000 {
-                return Err(format!("{name}: {bare_hits} rays hit, {hits} in the renderer's backend").into());
-            }
+        // Inside Embree's calls alone.
+        let queries = tape.iter().map(|q| bare::query(&bare, q.kind, q.order, &q.rays));
+        let (seconds, bare_hits) = queries.fold((0.0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
+        theirs.push(seconds);
+        // Packets decide otherwise on edges, now and then.
+        if hits.abs_diff(bare_hits) > hits / 1000 {
+            return Err(format!("{bare_hits} rays hit, {hits} in the renderer's backend").into());
         }
     }
     let line = |name: &str, list: &[f64]| {
@@ -161,9 +160,7 @@ fn replay(scene: &Arc<Scene>, rays: &dyn RayQueries, rounds: usize, spp: u32) ->
     };
     line("render, one thread", &whole);
     line("its queries again", &ours);
-    for ((name, _), list) in bares.iter().zip(&theirs) {
-        line(&format!("bare Embree, {name}"), list);
-    }
+    line("bare Embree, 16 wide", &theirs);
     let part = |name: &str, get: fn(&tape::Shares) -> f64| {
         let [middle, ..] = spread(shares.iter().map(|(whole, s)| 100.0 * get(s) / whole).collect());
         println!("  {middle:5.1} %  {name}");
@@ -198,14 +195,6 @@ fn again(rays: &dyn RayQueries, tape: &[Query]) -> (f64, usize) {
         };
     }
     (seconds, hit)
-}
-
-type BareQuery = fn(&Bare, Kind, bismar::rays::RayOrder, &bismar::rays::RayBatch) -> (f64, usize);
-
-/// Seconds of the tape inside Embree's calls alone, and how many rays hit.
-fn bare_loop(query: BareQuery, bare: &Bare, tape: &[Query]) -> (f64, usize) {
-    let of = |q: &Query| query(bare, q.kind, q.order, &q.rays);
-    tape.iter().map(of).fold((0.0, 0), |a, b| (a.0 + b.0, a.1 + b.1))
 }
 
 /// All threads against one.

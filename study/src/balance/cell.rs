@@ -151,39 +151,24 @@ impl Cell {
 mod tests {
     use super::*;
 
-    fn cell() -> Cell {
+    #[test]
+    fn means_are_over_replicas_and_a_cell_is_read_as_it_was_written() {
         let mut cell = Cell::new(2);
-        for r in 0..3 {
-            let x = r as f32;
-            let prepass = Some(Prepass { on: r == 1, variance: 0.5, seconds: 0.1 });
-            let times = Times {
-                cpu: 0.1 * f64::from(r),
-                wall: 1.0,
-                half_cpu: (r > 0).then_some(0.3),
-                prepass,
-                allocation: None,
-            };
+        for x in [0.0, 1.0, 2.0] {
+            let prepass = Some(Prepass { on: x == 1.0, variance: 0.5, seconds: 0.1 });
+            let times = Times { cpu: 0.1, half_cpu: (x > 0.0).then_some(0.3), prepass, ..Times::default() };
             let values = vec![x, 1.0, 2.0, 3.0 * x, 4.0, f32::MIN_POSITIVE];
             cell.push(&Replica { times, values, shares: vec![0.25 * x, 0.5], paths: vec![64.0, x] });
         }
-        cell
-    }
-
-    #[test]
-    fn what_is_written_is_read() {
+        let mean = cell.mean();
+        assert!((mean[0] - 1.0).abs() < 1e-12 && (mean[3] - 3.0).abs() < 1e-12);
+        assert_eq!(cell.mean_shares(), [0.25, 0.5]);
+        assert_eq!(cell.paths_of(2), [64.0, 2.0]);
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.cell");
         assert_eq!(Cell::read(&path, 2).unwrap(), None);
-        cell().write(&path).unwrap();
-        assert_eq!(Cell::read(&path, 2).unwrap(), Some(cell()));
+        cell.write(&path).unwrap();
+        assert_eq!(Cell::read(&path, 2).unwrap(), Some(cell));
         assert_eq!(Cell::read(&path, 3).unwrap(), None);
-    }
-
-    #[test]
-    fn means_are_over_replicas() {
-        let mean = cell().mean();
-        assert!((mean[0] - 1.0).abs() < 1e-12 && (mean[3] - 3.0).abs() < 1e-12);
-        assert_eq!(cell().mean_shares(), [0.25, 0.5]);
-        assert_eq!(cell().paths_of(2), [64.0, 2.0]);
     }
 }

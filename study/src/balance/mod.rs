@@ -35,6 +35,8 @@ pub use scene::StudyScene;
 pub use scene_results::SceneResults;
 pub use table::Row;
 
+use crate::report::plural;
+
 #[derive(Debug, Clone)]
 pub struct Design {
     /// Output folder; measurements are in its folder `cells`.
@@ -62,23 +64,22 @@ impl Design {
         Mosaic::new([self.width, self.height], self.footprint)
     }
 
-    /// The measured pixels, in words.
-    pub fn pixels(&self) -> String {
-        let Self { width, height, .. } = self;
-        match self.footprint {
-            Some([w, h]) if [w, h] != [*width, *height] => {
-                format!("{width}x{height} pixels of {w}x{h} (whole tiles, spread over the view)")
-            }
-            _ => format!("{width}x{height} pixels"),
-        }
-    }
-
-    /// The integrator in words.
-    pub fn light(&self) -> &'static str {
-        match self.integrator {
+    /// What was measured on so many scenes, in words.
+    fn measured(&self, scenes: usize) -> String {
+        let Self { width, height, replicas, .. } = self;
+        let pixels = match self.footprint {
+            Some([w, h]) if [w, h] != [*width, *height] => format!(" of {w}x{h} (whole tiles, spread over the view)"),
+            _ => String::new(),
+        };
+        let light = match self.integrator {
             Integrator::Direct => "direct light",
             Integrator::Path => "path-traced light",
-        }
+        };
+        format!(
+            "{scenes} scene{}, {width}x{height} pixels{pixels}, {light}, {replicas} replicas of every picture. \
+             `docs/study-balance.md` says how this was measured, and what the columns mean.",
+            plural(scenes)
+        )
     }
 
     pub fn reference(&self) -> Estimator {

@@ -9,7 +9,7 @@ use super::scene_results::SceneResults;
 use super::table::{self, Level, Row};
 use super::{Design, Estimator, HALF};
 use crate::report::page::chart_figure;
-use crate::report::{self, Cell, Page, Table, Tone, percent, plural, with_error};
+use crate::report::{self, Cell, Page, Table, Tone, percent, with_error};
 use charts::{overview, scene_charts};
 use pictures::{by_eye, pictures, worst_pixels};
 
@@ -17,27 +17,18 @@ use pictures::{by_eye, pictures, worst_pixels};
 pub fn write(design: &Design, scenes: &[SceneResults]) -> Result<()> {
     let rows = scenes.iter().flat_map(|s| &s.levels).flat_map(|l| &l.results).map(|o| o.row.clone());
     table::write(design, &rows.collect::<Vec<_>>())?;
-    let named = |scene: &'_ SceneResults| {
-        scene_charts(scene)
-            .into_iter()
-            .map(|(name, chart)| (format!("{}-{name}", scene.name), chart.file()))
-            .collect::<Vec<_>>()
+    let charts = |scene: &SceneResults| {
+        let named = |(name, chart)| (format!("{}-{name}", scene.name), chart);
+        scene_charts(scene).into_iter().map(named).collect::<Vec<_>>()
     };
-    let overview = overview(design, scenes).map(|plot| ("overview".to_owned(), plot.file()));
-    let charts = overview.into_iter().chain(scenes.iter().flat_map(named));
-    report::write(&design.folder, page(design, scenes)?, charts)
+    report::write(&design.folder, page(design, scenes)?, overview(design, scenes), scenes.iter().flat_map(charts))
 }
 
 fn page(design: &Design, scenes: &[SceneResults]) -> Result<String> {
     let spp = design.spp.last().copied().unwrap_or(0);
     let lead = format!(
-        "Every estimator against `half` (one light and one BSDF sample per path, balance heuristic): {} scene{}, {}, {}, {} replicas \
-         of every picture. `docs/study-balance.md` says how this was measured, and what the columns mean.",
-        scenes.len(),
-        plural(scenes.len()),
-        design.pixels(),
-        design.light(),
-        design.replicas
+        "Every estimator against `half` (one light and one BSDF sample per path, balance heuristic): {}",
+        design.measured(scenes.len())
     );
     let mut page = Page::new("Balance study", &lead);
     page.section("Overview");

@@ -4,44 +4,26 @@ use bismar::sampling::hash;
 use rayon::prelude::*;
 
 use super::ratio::{Deviations, Ratio, worse};
-use crate::statistics::{moments, quantiles};
+use crate::statistics::{mean_of, moments, quantiles};
 
 pub const RESAMPLES: u32 = 200;
 /// Shares of pixels whose ratio is at most the percentile.
 pub const PERCENTILES: [f64; 4] = [0.5, 0.95, 0.99, 1.0];
 
-/// Summary of a picture's ratios.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Summary {
-    pub mean: f64,
-    /// Mean variance over the other's mean variance.
-    pub ratio_of_means: f64,
-    /// Share of pixels above [`super::ratio::WORSE`].
-    pub worse: f64,
-    pub percentiles: [f64; 4],
-}
+/// Summary of a picture's ratios: their mean, the mean variance over the other's mean variance, the share of pixels above
+/// [`super::ratio::WORSE`], and the [`PERCENTILES`].
+pub type Summary = [f64; 7];
 
-impl Summary {
-    fn of(ratios: Vec<f64>, own: f64, base: f64) -> Self {
-        let mean = ratios.iter().sum::<f64>() / ratios.len() as f64;
-        let worse = worse(&ratios);
-        Self { mean, ratio_of_means: own / base, worse, percentiles: quantiles(ratios, PERCENTILES) }
-    }
-
-    fn numbers(&self) -> [f64; 7] {
-        let [a, b, c, d] = self.percentiles;
-        [self.mean, self.ratio_of_means, self.worse, a, b, c, d]
-    }
-
-    fn from_numbers([mean, ratio_of_means, worse, a, b, c, d]: [f64; 7]) -> Self {
-        Self { mean, ratio_of_means, worse, percentiles: [a, b, c, d] }
-    }
+fn of_ratios(ratios: Vec<f64>, own: f64, base: f64) -> Summary {
+    let (mean, worse) = (mean_of(ratios.iter().copied()), worse(&ratios));
+    let [a, b, c, d] = quantiles(ratios, PERCENTILES);
+    [mean, own / base, worse, a, b, c, d]
 }
 
 /// The summary of plain (not bias-corrected) ratios.
 pub fn summary(own: &Deviations, base: &Deviations, ratios: &[Ratio]) -> Summary {
     let total = |d: &Deviations| (0..d.pixels()).map(|p| d.variance_of_all(p)).sum::<f64>();
-    Summary::of(ratios.iter().map(|r| r.ratio).collect(), total(own), total(base))
+    of_ratios(ratios.iter().map(|r| r.ratio).collect(), total(own), total(base))
 }
 
 /// Standard errors of the summary: its standard deviation over resampled replicas, drawn for both alike (their replicas
@@ -68,9 +50,9 @@ pub fn standard_errors(own: &Deviations, base: &Deviations, ratios: &[Ratio]) ->
             (b > 0.01 * (n - 1) as f64 * base.variance_of_all(ratio.pixel)).then(|| a / b)
         };
         let values = ratios.iter().filter_map(of).collect();
-        Summary::of(values, all_own, all_base).numbers()
+        of_ratios(values, all_own, all_base)
     };
     let draws = (0..RESAMPLES).into_par_iter().map(draw).collect::<Vec<_>>();
     let deviation = |i: usize| moments(&draws.iter().map(|d| d[i]).collect::<Vec<_>>()).1.sqrt();
-    Summary::from_numbers(std::array::from_fn(deviation))
+    std::array::from_fn(deviation)
 }

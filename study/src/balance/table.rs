@@ -21,7 +21,6 @@ pub const WORST: f64 = 0.01;
 
 /// A line of the table. `_se` is a standard error.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-#[allow(missing_docs, reason = "docs/study-balance.md")]
 pub struct Row {
     pub scene: String,
     pub estimator: String,
@@ -169,11 +168,12 @@ fn row(
     let rel_mses = (0..replicas).map(|r| rel_mse(cell.picture(r), reference)).collect::<Vec<_>>();
     let (rel_mse, rel_mse_variance) = moments(&rel_mses);
     let Timing { cpu_seconds, wall_seconds, time_ratio, time_ratio_se } = cell.timing(replicas);
-    let (summary, errors) = (&judged.summary, &judged.errors);
-    let mean = judged.mean();
+    let [_, ratio_of_means, worse, p50, p95, p99, p100] = judged.summary;
+    let [ratio_se, ratio_of_means_se, worse_se, p50_se, p95_se, p99_se, p100_se] = judged.errors;
+    let [_, _, worse_control, p50_control, p95_control, p99_control, p100_control] = control.summary;
+    let ratio = judged.mean();
     let worst = ratio::worst_held_out(&judged.own, base, &judgeable.pixels, WORST);
     let surely = ratio::surely_worse(&judged.ratios, &control.ratios).len();
-    let (p, p_se, p_control) = (summary.percentiles, errors.percentiles, control.summary.percentiles);
     Row {
         scene: scene.to_owned(),
         estimator,
@@ -191,32 +191,32 @@ fn row(
         time_ratio,
         time_ratio_se,
         inverse_efficiency: rel_mse * cpu_seconds,
-        ratio: mean,
-        ratio_se: errors.mean,
-        ratio_of_means: summary.ratio_of_means,
-        ratio_of_means_se: errors.ratio_of_means,
-        equal_time_ratio: mean * time_ratio,
-        equal_time_ratio_se: (errors.mean * time_ratio).hypot(mean * time_ratio_se),
+        ratio,
+        ratio_se,
+        ratio_of_means,
+        ratio_of_means_se,
+        equal_time_ratio: ratio * time_ratio,
+        equal_time_ratio_se: (ratio_se * time_ratio).hypot(ratio * time_ratio_se),
         found_ratio: found.map(Judged::mean),
-        found_ratio_se: found.map(|f| f.errors.mean),
-        found_ratio_of_means: found.map(|f| f.summary.ratio_of_means),
+        found_ratio_se: found.map(|f| f.errors[0]),
+        found_ratio_of_means: found.map(|f| f.summary[1]),
         to_oracle: None,
-        worse: summary.worse,
-        worse_se: errors.worse,
-        worse_control: control.summary.worse,
+        worse,
+        worse_se,
+        worse_control,
         worse_surely: surely as f64 / judged.ratios.len() as f64,
-        p50: p[0],
-        p50_se: p_se[0],
-        p95: p[1],
-        p95_se: p_se[1],
-        p99: p[2],
-        p99_se: p_se[2],
-        p100: p[3],
-        p100_se: p_se[3],
-        p50_control: p_control[0],
-        p95_control: p_control[1],
-        p99_control: p_control[2],
-        p100_control: p_control[3],
+        p50,
+        p50_se,
+        p95,
+        p95_se,
+        p99,
+        p99_se,
+        p100,
+        p100_se,
+        p50_control,
+        p95_control,
+        p99_control,
+        p100_control,
         log_error: median(&judged.ratios.iter().map(|r| r.log_error).collect::<Vec<_>>()),
         worst_held_out: worst.map(|w| w.0),
         worst_held_out_se: worst.map(|w| w.1),

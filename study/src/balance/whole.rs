@@ -17,7 +17,6 @@ use crate::statistics::{mean_of, moments};
 
 /// A line of the table. `_se` is a standard error.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-#[allow(missing_docs, reason = "docs/study-balance.md")]
 pub struct Row {
     pub scene: String,
     pub estimator: String,

@@ -1,7 +1,6 @@
 //! `bismar study balance`
 
 use std::path::PathBuf;
-use std::str::FromStr;
 use std::time::Instant;
 
 use bismar::Result;
@@ -10,9 +9,10 @@ use bismar::console::{Signals, Size, Verbosity, Verdict, print, say};
 use bismar::render::{Integrator, Progress};
 use clap::Args;
 
-use super::common::{PAGE, RunArgs, open};
-use crate::balance::table::{Level, Outcome, levels};
+use super::common::{RunArgs, open};
+use crate::balance::table::{Level, levels};
 use crate::balance::{Design, Estimator, SceneResults, StudyScene, measure, portrait, whole, write};
+use crate::report::Table;
 
 /// Measure the error of each --balance against a converged reference.
 ///
@@ -30,7 +30,7 @@ pub(super) struct BalanceArgs {
     /// Estimators to compare with half, separated by commas, or all. oracle is the best fixed share of light samples per
     /// pixel, found by brute force; NAME+guiding and NAME+adaptive add --guiding auto and --adaptive=auto, NAME-compensation
     /// and NAME-learned-lights turn these off.
-    #[arg(long, value_name = "LIST")]
+    #[arg(long, value_name = "LIST", value_parser = estimators)]
     balance: Option<Estimators>,
     /// Paths per pixel, separated by commas [default: 16,64,256; with --whole also 1024].
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
@@ -46,7 +46,7 @@ pub(super) struct BalanceArgs {
     size: Option<Size>,
     /// Resolution of the picture from which the measured pixels are taken, as whole tiles of 16x16 spread evenly over the
     /// view; none: a whole picture of --size, whose large pixels contain edges that hide the effect of the balance.
-    #[arg(long, value_name = "WxH|none", default_value = "1920x1080")]
+    #[arg(long, value_name = "WxH|none", default_value = "1920x1080", value_parser = footprint)]
     footprint: Footprint,
     /// Measure whole pictures: error against CPU seconds, including the cost of learning. By default half and progressive,
     /// also with adaptive sampling and, with the path integrator, path guiding.
@@ -63,36 +63,27 @@ pub(super) struct BalanceArgs {
     pub(super) run: RunArgs,
 }
 
-#[derive(Debug, Clone, Copy)]
-struct Footprint(Option<Size>);
+/// The size of `--footprint`; `None`: a whole picture.
+type Footprint = Option<Size>;
 
-impl FromStr for Footprint {
-    type Err = String;
-
-    fn from_str(text: &str) -> std::result::Result<Self, String> {
-        match text {
-            "none" => Ok(Self(None)),
-            size => size.parse().map(|size| Self(Some(size))).map_err(|e| format!("{e}, nor none")),
-        }
+fn footprint(text: &str) -> std::result::Result<Footprint, String> {
+    match text {
+        "none" => Ok(None),
+        size => size.parse().map(Some).map_err(|e| format!("{e}, nor none")),
     }
 }
 
-#[derive(Debug, Clone)]
-struct Estimators(Vec<Estimator>);
+type Estimators = Vec<Estimator>;
 
-impl FromStr for Estimators {
-    type Err = String;
-
-    fn from_str(text: &str) -> std::result::Result<Self, String> {
-        if text == "all" {
-            return Ok(Self(Estimator::all()));
-        }
-        let one = |name: &str| {
-            let known = || Estimator::all().into_iter().map(Estimator::name).collect::<Vec<_>>().join(", ");
-            Estimator::named(name.trim()).ok_or_else(|| format!("there is no '{}'; there are {}", name.trim(), known()))
-        };
-        text.split(',').map(one).collect::<std::result::Result<_, _>>().map(Self)
+fn estimators(text: &str) -> std::result::Result<Estimators, String> {
+    if text == "all" {
+        return Ok(Estimator::all());
     }
+    let one = |name: &str| {
+        let known = || Estimator::all().into_iter().map(Estimator::name).collect::<Vec<_>>().join(", ");
+        Estimator::named(name.trim()).ok_or_else(|| format!("there is no '{}'; there are {}", name.trim(), known()))
+    };
+    text.split(',').map(one).collect()
 }
 
 impl BalanceArgs {
@@ -108,7 +99,7 @@ impl BalanceArgs {
         spp.sort_unstable();
         spp.dedup();
         let estimators = match &self.balance {
-            Some(list) => list.0.clone(),
+            Some(list) => list.clone(),
             None if whole => {
                 let with = ["", "+guiding", "+adaptive", "+guiding+adaptive"].into_iter();
                 let here = with.filter(|with| integrator == Integrator::Path || !with.contains("guiding"));
@@ -139,7 +130,7 @@ impl BalanceArgs {
             integrator,
             width,
             height,
-            footprint: self.footprint.0.filter(|_| !whole).map(|Size(width, height)| [width, height]),
+            footprint: self.footprint.filter(|_| !whole).map(|Size(width, height)| [width, height]),
             whole,
         }
     }
@@ -148,7 +139,7 @@ impl BalanceArgs {
 pub(super) fn run(args: &BalanceArgs, verbosity: Verbosity) -> Result<Verdict> {
     let design = args.design();
     design.mosaic()?;
-    let page = open(&design.folder, PAGE)?;
+    let page = open(&design.folder)?;
     let stop = Signals::listen()?.stop;
     let reporter = args.run.reporter(verbosity);
     let start = Instant::now();
@@ -176,7 +167,7 @@ pub(super) fn run(args: &BalanceArgs, verbosity: Verbosity) -> Result<Verdict> {
         let portrait = portrait(&scene, &design, shown, &stop, &at(i, 0.97, 1.0)).inspect_err(ended)?;
         let levels = levels(&scene, &design, &measured);
         if let Some(level) = levels.last() {
-            print(summary(level))?;
+            print(summary(&scene.name, &design, level))?;
         }
         results.push(SceneResults::new(&scene.name, levels, &measured, portrait));
         // The report can be read while the other scenes are measured.
@@ -191,54 +182,16 @@ pub(super) fn run(args: &BalanceArgs, verbosity: Verbosity) -> Result<Verdict> {
 
 /// Table of a scene's whole pictures, for the terminal.
 fn scores(design: &Design, scene: &whole::SceneResults) -> String {
-    let mut text = format!(
-        "{}, {} replicas\n{:<30}{:>7}{:>11}{:>9}{:>16}{:>16}{:>16}",
-        scene.name, design.replicas, "", "paths", "relMSE", "CPU s", "error", "time", "product"
-    );
-    for row in &scene.rows {
-        let ratio = |x: f64, e: f64| format!("{x:.3} ±{e:.3}");
-        text += &format!(
-            "\n{:<30}{:>7.0}{:>11.3e}{:>9.3}{:>16}{:>16}{:>16}",
-            row.estimator,
-            row.paths_mean,
-            row.rel_mse,
-            row.cpu_seconds,
-            ratio(row.rel_mse_ratio, row.rel_mse_ratio_se),
-            ratio(row.time_ratio, row.time_ratio_se),
-            ratio(row.product_ratio, row.product_ratio_se),
-        );
-    }
-    text + "\n"
+    let fields = ["estimator", "paths_mean", "rel_mse", "cpu_seconds", "rel_mse_ratio", "time_ratio", "product_ratio"];
+    let table = Table::of_fields(&scene.rows, &fields.map(|field| (field, 0)));
+    format!("{}, {} replicas\n{}", scene.name, design.replicas, table.text())
 }
 
 /// Table of the largest number of paths, for the terminal.
-fn summary(level: &Level) -> String {
-    let mut text = String::new();
-    if let Some(first) = level.results.first() {
-        text += &format!("{}, {} paths a pixel, {} replicas\n", first.row.scene, level.spp, first.row.replicas);
-    }
-    text += &format!(
-        "{:<16}{:>11}{:>9}{:>16}{:>16}{:>10}{:>9}{:>9}{:>9}{:>16}",
-        "", "relMSE", "CPU s", "ratio", "found", "time", ">1.05", "sure", "p99", "worst 1 %"
-    );
-    let with_error = |x: Option<f64>, e: Option<f64>| match (x, e) {
-        (Some(x), Some(e)) => format!("{x:.3} ±{e:.3}"),
-        _ => "-".to_owned(),
-    };
-    for Outcome { row, .. } in &level.results {
-        text += &format!(
-            "\n{:<16}{:>11.3e}{:>9.3}{:>16}{:>16}{:>10.3}{:>8.1}%{:>8.2}%{:>9.2}{:>16}",
-            row.estimator,
-            row.rel_mse,
-            row.cpu_seconds,
-            with_error(Some(row.ratio), Some(row.ratio_se)),
-            with_error(row.found_ratio, row.found_ratio_se),
-            row.time_ratio,
-            row.worse * 100.0,
-            row.worse_surely * 100.0,
-            row.p99,
-            with_error(row.worst_held_out, row.worst_held_out_se),
-        );
-    }
-    text + "\n"
+fn summary(scene: &str, design: &Design, level: &Level) -> String {
+    let errors = ["estimator", "rel_mse", "cpu_seconds", "ratio", "found_ratio", "time_ratio"].map(|field| (field, 0));
+    let pixels = ["worse", "worse_surely", "p99", "worst_held_out"].map(|field| (field, 0));
+    let rows = level.results.iter().map(|outcome| &outcome.row).collect::<Vec<_>>();
+    let table = Table::of_fields(&rows, &[&errors[..], &pixels].concat());
+    format!("{scene}, {} paths a pixel, {} replicas\n{}", level.spp, design.replicas, table.text())
 }

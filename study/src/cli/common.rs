@@ -13,9 +13,6 @@ use clap::Args;
 
 use crate::files;
 
-/// File name of a study's report in its folder.
-pub(super) const PAGE: &str = "report.html";
-
 /// Flags of every study.
 #[derive(Debug, Args)]
 pub(super) struct RunArgs {
@@ -40,11 +37,11 @@ pub(super) fn progress(fraction: f64, start: Instant) -> Progress {
     Progress { fraction, seconds, rays: 0, noise: f64::INFINITY, spp: 0, mean_spp: 0.0 }
 }
 
-/// Creates a study's folder and checks that its `page` can be written, before hours of work; returns the page's path.
-pub(super) fn open(folder: &Path, page: &str) -> Result<PathBuf> {
+/// Creates a study's folder and checks that its page can be written, before hours of work; returns the page's path.
+pub(super) fn open(folder: &Path) -> Result<PathBuf> {
     atomic::confine(&[folder.into()]);
     files::folder(folder)?;
-    let page = folder.join(page);
+    let page = folder.join("report.html");
     atomic::check(&page)?;
     Ok(page)
 }

@@ -9,9 +9,11 @@ use bismar::{Error, Result};
 use clap::Args;
 use clap::builder::PossibleValuesParser;
 
-use super::common::{PAGE, RunArgs, open, progress};
+use super::common::{RunArgs, open, progress};
 use crate::rays::contender::ISAS;
+use crate::rays::table::{Build, Trace};
 use crate::rays::{Bench, Contender, Design, Results, Shape, Subject, measure, write};
+use crate::report::{Table, with_error};
 
 /// Compare Embree and obvhs: speed on recorded rays, build time, memory, agreement of hits.
 ///
@@ -91,7 +93,7 @@ impl RaysArgs {
 
 pub(super) fn run(args: &RaysArgs, verbosity: Verbosity) -> Result<Verdict> {
     let design = args.design()?;
-    let page = open(&design.folder, PAGE)?;
+    let page = open(&design.folder)?;
     let (threads, _) = host::threads(args.run.threads)?;
     let bench = Bench::new(threads)?;
     let stop = Signals::listen()?.stop;
@@ -160,27 +162,19 @@ fn names(paths: &[PathBuf], shapes: &[Shape]) -> Result<Vec<String>> {
 
 /// Table of a scene's speeds, for the terminal.
 fn summary(results: &Results, scene: &str) -> String {
-    let traces = results.traces.iter().filter(|t| t.scene == scene);
-    let mut text = format!(
-        "{scene}\n{:<28}{:>10}{:>8}{:>10}{:>16}{:>16}{:>16}",
-        "", "build s", "B/tri", "Mrays/s", "camera", "diffuse", "shadow"
-    );
-    let traces = traces.collect::<Vec<_>>();
-    for build in results.builds.iter().filter(|b| b.scene == scene) {
-        let trace = |stream: &str| traces.iter().find(|t| t.backend == build.backend && t.stream == stream);
-        let ratio = |stream: &str| {
-            trace(stream).map_or("-".to_owned(), |t| format!("{:.3} ±{:.3}", t.speed_ratio, t.speed_ratio_se))
-        };
-        text += &format!(
-            "\n{:<28}{:>10.4}{:>8.1}{:>10.2}{:>16}{:>16}{:>16}",
-            build.backend,
-            build.cpu_seconds,
-            build.bytes_per_triangle,
-            trace("diffuse").map_or(f64::NAN, |t| t.mrays_per_second),
-            ratio("camera"),
-            ratio("diffuse"),
-            ratio("shadow"),
-        );
+    let builds = results.builds.iter().filter(|b| b.scene == scene).collect::<Vec<_>>();
+    let trace = |build: &Build, stream: &str| {
+        let own = |t: &&Trace| t.scene == scene && t.backend == build.backend && t.stream == stream;
+        results.traces.iter().find(own)
+    };
+    let mut table = Table::of(&builds)
+        .column(scene, "", |b| &*b.backend)
+        .column("build s", "", |b| b.cpu_seconds)
+        .column("bytes per triangle", "", |b| b.bytes_per_triangle)
+        .column("diffuse Mrays/s", "", |b| trace(b, "diffuse").map(|t| t.mrays_per_second));
+    for stream in ["camera", "diffuse", "shadow"] {
+        let ratio = |b: &&Build| trace(b, stream).map(|t| with_error(t.speed_ratio, t.speed_ratio_se));
+        table = table.column(stream, "", ratio);
     }
-    text + "\n"
+    table.end().text()
 }

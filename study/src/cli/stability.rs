@@ -7,8 +7,9 @@ use bismar::console::{Signals, Verbosity, Verdict, print, say};
 use bismar::{Error, Result};
 use clap::{Args, ValueEnum};
 
-use super::common::{PAGE, RunArgs, open, progress};
-use crate::stability::{self, Found, guiding, page, sharing};
+use super::common::{RunArgs, open, progress};
+use crate::stability::tables::survival;
+use crate::stability::{self, Found, Results, guiding, page, sharing};
 
 /// Test every --balance, path guiding and path re-use in the known failure modes of such methods.
 ///
@@ -46,7 +47,7 @@ enum Methods {
 }
 
 pub(super) fn run(args: &StabilityArgs, verbosity: Verbosity) -> Result<Verdict> {
-    let page = open(&args.out, PAGE)?;
+    let page = open(&args.out)?;
     let signals = Signals::listen()?;
     let reporter = args.run.reporter(verbosity);
     let included = |methods| args.only.is_none_or(|only| only == methods);
@@ -77,8 +78,8 @@ pub(super) fn run(args: &StabilityArgs, verbosity: Verbosity) -> Result<Verdict>
     let found = measure().inspect_err(|_| reporter.finish(false))?;
     reporter.finish(true);
     page::write(&args.out, &found)?;
-    for table in page::survival(&found) {
-        print(table.markdown().trim_end())?;
+    for results in found.all() {
+        print(survival(results).text())?;
     }
     if !verbosity.quiet {
         say(format_args!("{}", page.display()));
@@ -88,12 +89,14 @@ pub(super) fn run(args: &StabilityArgs, verbosity: Verbosity) -> Result<Verdict>
 
 /// Prints undetected controls and wrong means; [`Verdict::Beyond`] if there are any.
 fn verdict(found: &Found) -> Verdict {
-    let (undetected, wrong) = (found.controls().filter(|c| !c.caught).collect::<Vec<_>>(), found.wrong());
-    for control in &undetected {
+    let mut verdict = Verdict::Done;
+    for control in found.all().flat_map(|results| &results.controls).filter(|control| !control.caught) {
+        verdict = Verdict::Beyond;
         say(format_args!("error: the {} was not caught: its check is blind", control.outcome.estimator));
     }
-    for (estimator, mode, name) in &wrong {
-        say(format_args!("error: {estimator} has a wrong mean in {mode} ({name})"));
+    for (estimator, mode) in found.all().flat_map(Results::wrong) {
+        verdict = Verdict::Beyond;
+        say(format_args!("error: {estimator} has a wrong mean in {} ({})", mode.mode, mode.name));
     }
-    if undetected.is_empty() && wrong.is_empty() { Verdict::Done } else { Verdict::Beyond }
+    verdict
 }

@@ -6,6 +6,7 @@ use bismar::scene::Scene;
 use glam::Vec3;
 
 use super::exact::{ExactRay, Hit, Plane, meet};
+use super::replay::{self, Sink};
 use super::stream::{Kind, Query, Stream};
 
 /// Why two answers differ.
@@ -29,69 +30,41 @@ pub enum Class {
     Unexplained,
 }
 
-impl Class {
-    /// All of them, in the order of [`Tally`].
-    pub const ALL: [Self; 8] = [
-        Self::Same,
-        Self::Edge,
-        Self::Coplanar,
-        Self::Grazing,
-        Self::SelfHit,
-        Self::Alpha,
-        Self::Miss,
-        Self::Unexplained,
-    ];
-}
-
-/// Number of rays per class.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Tally(pub [u64; Class::ALL.len()]);
-
-impl Tally {
-    pub fn of(&self, class: Class) -> u64 {
-        self.0[class as usize]
-    }
-}
+/// Number of rays of each [`Class`], in their order.
+pub type Tally = [u64; 8];
 
 /// A weight's rounding above this share makes a hit grazing.
 const GRAZING: f64 = 0.01;
 
-/// The answers of a backend to a stream.
-#[derive(Default)]
-pub struct Answers {
-    hits: Vec<HitBatch>,
-    occluded: Vec<Vec<bool>>,
+/// The answers of a backend to a stream, query by query.
+pub struct Answers(Vec<Answer>);
+
+enum Answer {
+    Hits(HitBatch),
+    Occluded(Vec<bool>),
 }
 
 impl Answers {
     pub fn of(backend: &dyn RayQueries, stream: &Stream) -> Self {
-        let mut all = Self::default();
-        for Query { kind, order, rays } in &stream.queries {
-            match kind {
-                Kind::Closest => {
-                    let mut hits = HitBatch::default();
-                    backend.closest_hits(rays, *order, &mut hits);
-                    all.hits.push(hits);
-                }
-                Kind::Occluded => {
-                    let mut occluded = Vec::new();
-                    backend.occluded(rays, *order, &mut occluded);
-                    all.occluded.push(occluded);
-                }
+        let answer = |query: &Query| {
+            let mut sink = Sink::default();
+            replay::answer(backend, query, &mut sink);
+            match query.kind {
+                Kind::Closest => Answer::Hits(sink.0),
+                Kind::Occluded => Answer::Occluded(sink.1),
             }
-        }
-        all
+        };
+        Self(stream.queries.iter().map(answer).collect())
     }
 
     /// Share of the rays that hit something.
     pub fn hit_share(&self) -> f64 {
-        let hits = self.hits.iter().flat_map(|h| h.t.iter().map(|t| t.is_finite()));
-        let (mut hit, mut all) = (0_u64, 0_u64);
-        for one in hits.chain(self.occluded.iter().flatten().copied()) {
-            hit += u64::from(one);
-            all += 1;
-        }
-        hit as f64 / all.max(1) as f64
+        let hits_of_all = |answer: &Answer| match answer {
+            Answer::Hits(hits) => (hits.t.iter().filter(|t| t.is_finite()).count(), hits.t.len()),
+            Answer::Occluded(occluded) => (occluded.iter().filter(|o| **o).count(), occluded.len()),
+        };
+        let (hits, all) = self.0.iter().map(hits_of_all).fold((0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
+        hits as f64 / all.max(1) as f64
     }
 }
 
@@ -116,25 +89,22 @@ impl<'a> Judge<'a> {
         tell: &mut dyn FnMut(String),
     ) -> Tally {
         let mut counts = Tally::default();
-        let (mut closest, mut occluded) = (of_a.hits.iter().zip(&of_b.hits), of_a.occluded.iter().zip(&of_b.occluded));
-        for Query { kind, rays, .. } in &stream.queries {
+        for (Query { rays, .. }, answers) in stream.queries.iter().zip(of_a.0.iter().zip(&of_b.0)) {
             let mut count = |class: Class, i: usize, a: Option<Hit>, b: Option<Hit>| {
-                counts.0[class as usize] += 1;
-                if class == Class::Unexplained && counts.0[class as usize] <= 3 {
+                counts[class as usize] += 1;
+                if class == Class::Unexplained && counts[class as usize] <= 3 {
                     let (o, d, range) = (rays.origin(i), rays.direction(i), [rays.tnear[i], rays.tfar[i]]);
                     tell(format!("{}: ray from {o} to {d} in {range:?}: {a:?} against {b:?}", stream.name));
                 }
             };
-            match kind {
-                Kind::Closest => {
-                    let Some((a, b)) = closest.next() else { continue };
+            match answers {
+                (Answer::Hits(a), Answer::Hits(b)) => {
                     for i in 0..rays.len() {
                         let (a, b) = (Hit::new(a, i), Hit::new(b, i));
                         count(self.class(rays, i, a, b), i, a, b);
                     }
                 }
-                Kind::Occluded => {
-                    let Some((a_occluded, b_occluded)) = occluded.next() else { continue };
+                (Answer::Occluded(a_occluded), Answer::Occluded(b_occluded)) => {
                     for i in 0..rays.len() {
                         if a_occluded[i] == b_occluded[i] {
                             count(Class::Same, i, None, None);
@@ -144,6 +114,7 @@ impl<'a> Judge<'a> {
                         count(self.class_occluded(rays, i, hit_a, hit_b), i, hit_a, hit_b);
                     }
                 }
+                _ => unreachable!("answers to one stream"),
             }
         }
         counts

@@ -10,49 +10,80 @@ use bismar::scene::Scene;
 
 /// A backend with its options.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Contender {
-    what: What,
-}
-
-#[derive(Debug, Clone, PartialEq)]
-enum What {
+pub enum Contender {
     Embree(EmbreeOptions),
     Obvhs(ObvhsOptions),
 }
 
-/// Names of options and their values. A list's first name is the default, which names of contenders omit.
-const QUALITIES: [(&str, Quality); 4] =
-    [("medium", Quality::Medium), ("low", Quality::Low), ("two-level", Quality::TwoLevel), ("high", Quality::High)];
-const PACKETS: [(&str, Packets); 5] = [
-    ("as-rendered", Packets::Renderer),
-    ("single", Packets::Single),
-    ("x4", Packets::Four),
-    ("x8", Packets::Eight),
-    ("x16", Packets::Sixteen),
+/// Words of names with what they set, in the order in which names have them. Names omit those that set a default.
+type Words<Options> = [(&'static str, fn(&mut Options))];
+
+const EMBREE: &Words<EmbreeOptions> = &[
+    ("medium", |o| o.quality = Quality::Medium),
+    ("low", |o| o.quality = Quality::Low),
+    ("two-level", |o| o.quality = Quality::TwoLevel),
+    ("high", |o| o.quality = Quality::High),
+    ("compact", |o| o.compact = true),
+    ("robust", |o| o.robust = true),
+    ("single", |o| o.packets = Packets::Single),
+    ("x4", |o| o.packets = Packets::Four),
+    ("x8", |o| o.packets = Packets::Eight),
+    ("x16", |o| o.packets = Packets::Sixteen),
+    ("sse2", |o| o.isa = Some("sse2")),
+    ("sse4.2", |o| o.isa = Some("sse4.2")),
+    ("avx", |o| o.isa = Some("avx")),
+    ("avx2", |o| o.isa = Some("avx2")),
+    ("simd128", |o| o.frequency_level = Some("simd128")),
+    ("simd256", |o| o.frequency_level = Some("simd256")),
+];
+const OBVHS: &Words<ObvhsOptions> = &[
+    ("cwbvh", |o| o.tree = TreeKind::EightWide),
+    ("bvh2", |o| o.tree = TreeKind::Binary),
+    ("medium", |o| o.preset = Preset::Medium),
+    ("fastest", |o| o.preset = Preset::Fastest),
+    ("very-fast", |o| o.preset = Preset::VeryFast),
+    ("fast", |o| o.preset = Preset::Fast),
+    ("slow", |o| o.preset = Preset::Slow),
+    ("very-slow", |o| o.preset = Preset::VerySlow),
+    ("split", |o| o.split = Some(true)),
+    ("whole", |o| o.split = Some(false)),
+    ("own-test", |o| o.test = TriangleTest::Obvhs),
 ];
 /// Instruction sets that Embree can be held to.
 pub const ISAS: [&str; 4] = ["sse2", "sse4.2", "avx", "avx2"];
-/// Widths of vectors that Embree can be held to.
-const LEVELS: [&str; 2] = ["simd128", "simd256"];
-const PRESETS: [(&str, Preset); 6] = [
-    ("medium", Preset::Medium),
-    ("fastest", Preset::Fastest),
-    ("very-fast", Preset::VeryFast),
-    ("fast", Preset::Fast),
-    ("slow", Preset::Slow),
-    ("very-slow", Preset::VerySlow),
-];
-const TREES: [(&str, TreeKind); 2] = [("cwbvh", TreeKind::EightWide), ("bvh2", TreeKind::Binary)];
-const TESTS: [(&str, TriangleTest); 2] = [("embree-test", TriangleTest::Embree), ("own-test", TriangleTest::Obvhs)];
 
-/// Sets a field by an option's name, if the list has it.
-fn set<T: Copy>(list: &[(&str, T)], word: &str, field: &mut T) -> bool {
-    let value = list.iter().find(|(name, _)| *name == word).map(|(_, value)| *value);
-    value.inspect(|value| *field = *value).is_some()
+/// The options of a name's words.
+fn options<'a, O: Default>(all: &Words<O>, words: impl Iterator<Item = &'a str>) -> std::result::Result<O, String> {
+    let mut options = O::default();
+    for word in words {
+        let known = || all.iter().map(|(known, _)| *known).collect::<Vec<_>>().join(", ");
+        let row = all.iter().find(|(known, _)| *known == word);
+        row.ok_or_else(|| format!("there is no '{word}'; there are {}", known()))?.1(&mut options);
+    }
+    Ok(options)
 }
 
-fn word<T: Copy + PartialEq>(list: &[(&'static str, T)], value: T) -> Option<&'static str> {
-    list.iter().skip(1).find(|(_, v)| *v == value).map(|(name, _)| *name)
+/// The name with the words that have set options.
+fn name<O: Clone + Default + PartialEq>(library: &str, all: &Words<O>, options: &O) -> String {
+    let changes = |options: &O, set: &fn(&mut O)| {
+        let mut changed = options.clone();
+        set(&mut changed);
+        changed != *options
+    };
+    let words = all.iter().filter(|(_, set)| !changes(options, set) && changes(&O::default(), set));
+    words.fold(library.to_owned(), |name, (word, _)| name + "+" + word)
+}
+
+/// Names of every combination of options, but for instruction sets and levels.
+fn combinations() -> Vec<String> {
+    let plus = |names: Vec<String>, words: &&[&str]| {
+        let more = names.iter().flat_map(|name| words.iter().map(move |word| format!("{name}+{word}")));
+        more.chain(names.iter().cloned()).collect()
+    };
+    let embree = [&["low", "two-level", "high"][..], &["compact"], &["robust"], &["single", "x4", "x8", "x16"]];
+    let obvhs = [&["bvh2"][..], &["fastest", "very-fast", "fast", "slow", "very-slow"], &["own-test"]];
+    let obvhs = obvhs.iter().fold(vec!["obvhs+split".to_owned(), "obvhs+whole".to_owned()], plus);
+    [embree.iter().fold(vec!["embree".to_owned()], plus), obvhs].concat()
 }
 
 /// Contenders of a default study: each option of each library alone.
@@ -67,121 +98,47 @@ const QUICK_LIST: &str = "embree+low,embree+high,embree+single,obvhs+fastest,obv
 impl Contender {
     /// The baseline: the options of `--rays embree`.
     pub fn baseline() -> Self {
-        Self { what: What::Embree(EmbreeOptions::default()) }
+        Self::Embree(EmbreeOptions::default())
     }
 
     /// The options of `--rays obvhs`.
     pub fn other() -> Self {
-        Self { what: What::Obvhs(ObvhsOptions::default()) }
+        Self::Obvhs(ObvhsOptions::default())
     }
 
     /// The lists `usual`, `quick`, `large` and `all`, or names separated by commas.
     pub fn list(text: &str) -> std::result::Result<Vec<Self>, String> {
-        let text = match text {
-            "all" => return Ok(Self::all()),
-            "usual" => DEFAULT_LIST,
-            "quick" => QUICK_LIST,
-            "large" => LARGE_LIST,
-            names => names,
+        let names = match text {
+            "all" => combinations().join(","),
+            "usual" => DEFAULT_LIST.to_owned(),
+            "quick" => QUICK_LIST.to_owned(),
+            "large" => LARGE_LIST.to_owned(),
+            names => names.to_owned(),
         };
-        text.split(',').map(|name| Self::named(name.trim())).collect()
-    }
-
-    fn all() -> Vec<Self> {
-        let mut all = Vec::new();
-        for (_, quality) in QUALITIES {
-            for (_, packets) in PACKETS {
-                for (compact, robust) in [(false, false), (true, false), (false, true), (true, true)] {
-                    let options = EmbreeOptions { quality, packets, compact, robust, ..Default::default() };
-                    all.push(Self { what: What::Embree(options) });
-                }
-            }
-        }
-        for (_, tree) in TREES {
-            for (_, preset) in PRESETS {
-                for split in [false, true] {
-                    for (_, test) in TESTS {
-                        let split = Some(split);
-                        all.push(Self { what: What::Obvhs(ObvhsOptions { tree, preset, split, test }) });
-                    }
-                }
-            }
-        }
-        all
+        names.split(',').map(|name| Self::named(name.trim())).collect()
     }
 
     fn named(name: &str) -> std::result::Result<Self, String> {
         let mut words = name.split('+');
-        let unknown = |word: &str, there: &str| Err(format!("'{name}': there is no '{word}'; there are {there}"));
-        match words.next() {
-            Some("embree") => {
-                let mut options = EmbreeOptions::default();
-                for word in words {
-                    let isa = ISAS.into_iter().find(|isa| *isa == word);
-                    options.isa = isa.or(options.isa);
-                    let level = LEVELS.into_iter().find(|level| *level == word);
-                    options.frequency_level = level.or(options.frequency_level);
-                    options.compact |= word == "compact";
-                    options.robust |= word == "robust";
-                    let known = isa.is_some() || level.is_some() || ["compact", "robust"].contains(&word);
-                    if !(known
-                        || set(&QUALITIES, word, &mut options.quality)
-                        || set(&PACKETS, word, &mut options.packets))
-                    {
-                        return unknown(
-                            word,
-                            "low, two-level, medium, high, compact, robust, single, x4, x8, x16, sse2, sse4.2, avx, avx2, simd128, simd256",
-                        );
-                    }
-                }
-                Ok(Self { what: What::Embree(options) })
-            }
-            Some("obvhs") => {
-                let mut options = ObvhsOptions::default();
-                for word in words {
-                    if word == "split" || word == "whole" {
-                        options.split = Some(word == "split");
-                    } else if !(set(&PRESETS, word, &mut options.preset)
-                        || set(&TREES, word, &mut options.tree)
-                        || set(&TESTS, word, &mut options.test))
-                    {
-                        return unknown(
-                            word,
-                            "bvh2, cwbvh, fastest, very-fast, fast, medium, slow, very-slow, split, whole, own-test",
-                        );
-                    }
-                }
-                Ok(Self { what: What::Obvhs(options) })
-            }
-            other => unknown(other.unwrap_or(""), "embree and obvhs, followed by choices: embree+high+robust"),
-        }
+        let named = match words.next() {
+            Some("embree") => options(EMBREE, words).map(Self::Embree),
+            Some("obvhs") => options(OBVHS, words).map(Self::Obvhs),
+            _ => Err("there are embree and obvhs, followed by choices: embree+high+robust".to_owned()),
+        };
+        named.map_err(|why| format!("'{name}': {why}"))
     }
 
     /// Its name, without options that have their defaults.
     pub fn name(&self) -> String {
-        let (library, words) = match &self.what {
-            What::Embree(o) => (
-                "embree",
-                vec![
-                    word(&QUALITIES, o.quality),
-                    o.compact.then_some("compact"),
-                    o.robust.then_some("robust"),
-                    word(&PACKETS, o.packets),
-                    o.isa,
-                    o.frequency_level,
-                ],
-            ),
-            What::Obvhs(o) => {
-                let split = o.split.map(|split| if split { "split" } else { "whole" });
-                ("obvhs", vec![word(&TREES, o.tree), word(&PRESETS, o.preset), split, word(&TESTS, o.test)])
-            }
-        };
-        words.into_iter().flatten().fold(library.to_owned(), |name, word| name + "+" + word)
+        match self {
+            Self::Embree(options) => name("embree", EMBREE, options),
+            Self::Obvhs(options) => name("obvhs", OBVHS, options),
+        }
     }
 
     /// Limits Embree to an instruction set, unless it is limited to another one.
     pub fn held_to(mut self, isa: Option<&'static str>) -> Self {
-        if let What::Embree(options) = &mut self.what {
+        if let Self::Embree(options) = &mut self {
             options.isa = options.isa.or(isa);
         }
         self
@@ -189,12 +146,12 @@ impl Contender {
 
     /// Builds the scene on the current rayon pool, or on as many threads of Embree's.
     pub fn build(&self, scene: Arc<Scene>, watch: Watch) -> Result<Box<dyn RayQueries>> {
-        Ok(match &self.what {
-            What::Embree(options) => {
+        Ok(match self {
+            Self::Embree(options) => {
                 let options = EmbreeOptions { threads: rayon::current_num_threads(), ..options.clone() };
                 Box::new(EmbreeRays::build(scene, &options, watch)?)
             }
-            What::Obvhs(options) => Box::new(ObvhsRays::build(scene, options, watch)?),
+            Self::Obvhs(options) => Box::new(ObvhsRays::build(scene, options, watch)?),
         })
     }
 }
@@ -205,10 +162,8 @@ mod tests {
 
     #[test]
     fn names_are_read_as_they_are_written() {
-        let mut all = Contender::all();
-        all.extend(Contender::list("usual").unwrap());
-        all.extend(Contender::list("quick").unwrap());
-        for contender in all {
+        assert_eq!(Contender::list("all").unwrap().len(), 128);
+        for contender in ["all", "usual", "quick"].into_iter().flat_map(|list| Contender::list(list).unwrap()) {
             assert_eq!(Contender::list(&contender.name()).unwrap(), [contender]);
         }
         assert_eq!(Contender::list("embree+medium").unwrap(), [Contender::baseline()]);

@@ -3,10 +3,11 @@
 use std::fs;
 use std::hint::black_box;
 
+use bismar::Result;
+use bismar::console::host::pool;
 use bismar::rays::cwbvh;
 use bismar::sampling::SplitMix64;
-use bismar::{Error, Result};
-use rayon::{ThreadPool, ThreadPoolBuilder};
+use rayon::ThreadPool;
 use serde::{Deserialize, Serialize};
 
 use crate::clock::thread_seconds;
@@ -14,7 +15,6 @@ use crate::provenance::Machine;
 
 /// The machine that measured.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-#[allow(missing_docs, reason = "docs/study-rays.md")]
 pub struct Host {
     pub machine: String,
     pub cpu: String,
@@ -79,13 +79,7 @@ pub struct Bench {
 
 impl Bench {
     pub fn new(threads: usize) -> Result<Self> {
-        let pool = |threads: usize| {
-            ThreadPoolBuilder::new()
-                .num_threads(threads)
-                .build()
-                .map_err(|e| Error::Host(format!("cannot start {threads} threads: {e}")))
-        };
-        Ok(Self { one: pool(1)?, all: pool(threads)?, gauge: Gauge::new() })
+        Ok(Self { one: pool(1)?, all: pool(threads)?, gauge: Gauge::start() })
     }
 
     /// Describes the machine, on a thread that traces.
@@ -109,7 +103,7 @@ const ROUNDS: u32 = 10_000_000;
 
 impl Gauge {
     /// Prepares the chain: one cycle through all its entries (Sattolo's algorithm).
-    pub fn new() -> Self {
+    fn start() -> Self {
         let mut next = (0..CHAIN as u32).collect::<Vec<_>>();
         let mut random = SplitMix64(1);
         for i in (1..CHAIN).rev() {
@@ -147,12 +141,6 @@ impl Gauge {
         let (now, all) = stolen();
         let all = all.saturating_sub(self.stolen.1).max(1);
         host.stolen_share = now.saturating_sub(self.stolen.0) as f64 / all as f64;
-    }
-}
-
-impl Default for Gauge {
-    fn default() -> Self {
-        Self::new()
     }
 }
 

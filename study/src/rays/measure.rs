@@ -93,7 +93,7 @@ pub fn measure(
                 let own = Answers::of(side.backend, stream);
                 judge.compare(stream, (base.backend, of_base), (side.backend, &own), &mut tell)
             });
-            results.agreements.push(Agreement::new([&campaign.machine, &subject.name, &name, &stream.name], &counts));
+            results.agreements.push(Agreement::new([&campaign.machine, &subject.name, &name, &stream.name], counts));
         }
         progress((i as f64 + 0.3) / all);
         let rounds = campaign.rounds(&streams, &base, (&contender, &side))?;
@@ -240,7 +240,7 @@ impl Campaign<'_> {
     ) -> Trace {
         let subject = self.subject;
         let own = rounds.iter().map(|r| r[which]).collect::<Vec<_>>();
-        let ratios = rounds.iter().map(|[base, own]| base / own).collect::<Vec<_>>();
+        let (speed_ratio, speed_ratio_se) = ratio(rounds);
         let rays = stream.rays() as f64;
         let rate = rays / median(&own) / 1e6;
         Trace {
@@ -255,8 +255,8 @@ impl Campaign<'_> {
             rounds: rounds.len(),
             mrays_per_second: rate,
             mrays_spread: rate * robust_deviation(&own) / median(&own),
-            speed_ratio: median(&ratios),
-            speed_ratio_se: median_error(&ratios),
+            speed_ratio,
+            speed_ratio_se,
             instructions_per_ray: instructions.map(|n| n as f64 / rays),
         }
     }
@@ -275,15 +275,16 @@ impl Campaign<'_> {
         };
         let times = ((SCALED_SECONDS / wall(&self.bench.one, 1)).ceil() as usize).clamp(1, 1000);
         let wall = |pool: &ThreadPool| wall(pool, times);
-        let ratios = (0..self.design.rounds).map(|_| wall(&self.bench.one) / wall(&self.bench.all)).collect::<Vec<_>>();
+        let rounds = (0..self.design.rounds).map(|_| [wall(&self.bench.one), wall(&self.bench.all)]);
+        let (speedup, speedup_se) = ratio(&rounds.collect::<Vec<_>>());
         (threads > 1).then(|| Scaling {
             machine: self.machine.clone(),
             scene: self.subject.name.clone(),
             backend: name.to_owned(),
             stream: stream.name.clone(),
             threads,
-            speedup: median(&ratios),
-            speedup_se: median_error(&ratios),
+            speedup,
+            speedup_se,
         })
     }
 
@@ -317,11 +318,9 @@ impl Campaign<'_> {
             }
             taken.push(seconds);
         }
-        let own = taken.iter().map(|t| t[1]).collect::<Vec<_>>();
-        let theirs = taken.iter().map(|t| t[0]).collect::<Vec<_>>();
-        let ratios = taken.iter().map(|[base, own]| base / own).collect::<Vec<_>>();
-        let per_spp = median(&own) / f64::from(design.spp);
-        let base_per_spp = median(&theirs) / f64::from(design.spp);
+        let (speed_ratio, speed_ratio_se) = ratio(&taken);
+        let median_of = |which: usize| median(&taken.iter().map(|t: &[f64; 2]| t[which]).collect::<Vec<_>>());
+        let [base_per_spp, per_spp] = [0, 1].map(|which| median_of(which) / f64::from(design.spp));
         let crossover = (side.build_seconds - base.build_seconds) / (base_per_spp - per_spp);
         Ok(Picture {
             machine: self.machine.clone(),
@@ -332,12 +331,18 @@ impl Campaign<'_> {
             rounds: taken.len(),
             build_cpu_seconds: side.build_seconds,
             cpu_seconds_per_spp: per_spp,
-            speed_ratio: median(&ratios),
-            speed_ratio_se: median_error(&ratios),
+            speed_ratio,
+            speed_ratio_se,
             crossover_spp: (side.build_seconds > base.build_seconds && per_spp < base_per_spp).then_some(crossover),
             bias_z: bias_z(&sums[0], &sums[1]),
         })
     }
+}
+
+/// Median of the first times over the second, and its standard error.
+fn ratio(rounds: &[[f64; 2]]) -> (f64, f64) {
+    let ratios = rounds.iter().map(|[base, own]| base / own).collect::<Vec<_>>();
+    (median(&ratios), median_error(&ratios))
 }
 
 fn join(sums: &mut Vec<PixelStats>, pixels: &[PixelStats]) {

@@ -7,7 +7,7 @@ use std::path::Path;
 use bismar::Result;
 
 use super::measure::CONTROL;
-use super::table::{BASELINE, Results, SceneRows, distinct, scenes};
+use super::table::{BASELINE, Results, distinct, scenes};
 use crate::report::page::chart_figure;
 use crate::report::{self, Page, Table, Tone, number, plural};
 use charts::{costs, overview, picture};
@@ -16,13 +16,11 @@ use charts::{costs, overview, picture};
 pub fn write(folder: &Path, results: &Results) -> Result<()> {
     results.write(folder)?;
     let scenes = scenes(results);
-    let pictures = scenes.iter().map(|s| (format!("{}-picture", s.name), picture(s)));
-    let charts = costs(results).into_iter().chain(pictures).map(|(name, chart)| (name, chart.file()));
-    let overview = overview(results).map(|plot| ("overview".to_owned(), plot.file()));
-    report::write(folder, page(results, &scenes), charts.chain(overview))
+    let pictures = scenes.iter().map(|(name, _)| (format!("{name}-picture"), picture(results, name)));
+    report::write(folder, page(results, &scenes), overview(results), costs(results).into_iter().chain(pictures))
 }
 
-fn page(results: &Results, scenes: &[SceneRows]) -> String {
+fn page(results: &Results, scenes: &[(&str, u64)]) -> String {
     let differing = results.differing_pictures();
     let rays = results.agreements.iter().map(|a| a.rays).sum::<u64>();
     let verdict = match (results.unexplained(), differing) {
@@ -49,7 +47,11 @@ fn page(results: &Results, scenes: &[SceneRows]) -> String {
         page.section("Cost over the number of triangles");
         page.row(costs.iter().map(|(_, chart)| chart_figure(chart.svg(), "")));
     }
-    scenes.iter().for_each(|scene| scene_section(&mut page, scene));
+    for (name, triangles) in scenes {
+        page.section(name);
+        page.text(&format!("{triangles} triangles."));
+        scene_section(&mut page, results, name);
+    }
     if !results.notes.is_empty() {
         page.section("Notes");
         results.notes.iter().for_each(|note| page.text(note));
@@ -83,16 +85,14 @@ fn averages(results: &Results) -> Table {
         .end()
 }
 
-fn scene_section(page: &mut Page, scene: &SceneRows) {
-    page.section(scene.name);
-    page.text(&format!("{} triangles.", scene.triangles));
+fn scene_section(page: &mut Page, results: &Results, scene: &str) {
     page.row([chart_figure(
-        picture(scene).svg(),
+        picture(results, scene).svg(),
         "Measured build, and measured seconds a path times the number of paths, over those of `embree`. Where a line falls below 1, \
          the longer build has paid off.",
     )]);
     let plain = |names: &[&'static str]| names.iter().map(|name| (*name, 0)).collect::<Vec<_>>();
-    let traces = scene.traces().collect::<Vec<_>>();
+    let traces = results.traces.iter().filter(|t| t.scene == scene).collect::<Vec<_>>();
     let speed = [("mrays_per_second", 0), ("speed_ratio", 1), ("instructions_per_ray", 0)];
     page.table(&Table::of_fields(
         &traces,
@@ -101,13 +101,13 @@ fn scene_section(page: &mut Page, scene: &SceneRows) {
     page.heading("Builds");
     let seconds = ["backend", "cpu_seconds", "wall_seconds", "one_thread_seconds"];
     let bytes = ["bytes_per_triangle", "peak_bytes_per_triangle", "peak_process_bytes_per_triangle"];
-    let builds = scene.builds().collect::<Vec<_>>();
+    let builds = results.builds.iter().filter(|b| b.scene == scene).collect::<Vec<_>>();
     page.table(&Table::of_fields(&builds, &plain(&[&seconds[..], &bytes].concat())));
     page.heading("Pictures");
-    let pictures = scene.pictures().collect::<Vec<_>>();
+    let pictures = results.pictures.iter().filter(|p| p.scene == scene).collect::<Vec<_>>();
     let fields = [("backend", 0), ("cpu_seconds_per_spp", 0), ("speed_ratio", 1), ("crossover_spp", 0), ("bias_z", 0)];
     page.table(&Table::of_fields(&pictures, &fields));
-    let differing = scene.agreements().filter(|a| a.same < a.rays).collect::<Vec<_>>();
+    let differing = results.agreements.iter().filter(|a| a.scene == scene && a.same < a.rays).collect::<Vec<_>>();
     if !differing.is_empty() {
         page.heading("Where answers differ");
         let of = ["backend", "stream", "rays", "same", "edge", "coplanar", "grazing", "self_hit", "alpha", "miss"];

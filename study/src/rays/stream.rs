@@ -8,6 +8,7 @@ use bismar::Result;
 use bismar::integrator::PreparedScene;
 use bismar::rays::{BackendInfo, HitBatch, RayBatch, RayOrder, RayQueries};
 use bismar::render::{Balance, PixelFilter, RenderSettings, render};
+use bismar::sampling::SplitMix64;
 use bismar::scene::{Scene, TextureSlot};
 use glam::{Vec3, Vec4};
 
@@ -198,10 +199,9 @@ fn reordered(queries: &[Query], arrange: impl FnOnce(&mut Vec<(u32, u32)>)) -> V
 
 fn shuffled(queries: &[Query]) -> Vec<Query> {
     reordered(queries, |order| {
-        let mut state = 1_u64;
+        let mut random = SplitMix64(1);
         for i in (1..order.len()).rev() {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            order.swap(i, (state >> 33) as usize % (i + 1));
+            order.swap(i, random.bits() as usize % (i + 1));
         }
     })
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 use bismar::Result;
 use serde::{Deserialize, Serialize};
 
-use super::agree::{Class, Tally};
+use super::agree::Tally;
 use super::host::Host;
 use crate::files;
 use crate::provenance::Provenance;
@@ -17,7 +17,6 @@ pub(super) const BASELINE: &str = "embree";
 
 /// All tables, as in `results.json`.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-#[allow(missing_docs, reason = "docs/study-rays.md")]
 pub struct Results {
     pub schema: u32,
     pub version: String,
@@ -36,7 +35,6 @@ pub struct Results {
 
 /// Speed of a backend on a stream.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-#[allow(missing_docs, reason = "docs/study-rays.md")]
 pub struct Trace {
     pub machine: String,
     pub scene: String,
@@ -56,7 +54,6 @@ pub struct Trace {
 }
 
 #[derive(Debug, Clone, Serialize, Deserialize)]
-#[allow(missing_docs, reason = "docs/study-rays.md")]
 pub struct Build {
     pub machine: String,
     pub scene: String,
@@ -79,7 +76,6 @@ pub struct Build {
 
 /// Pictures by a backend against pictures by the baseline.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-#[allow(missing_docs, reason = "docs/study-rays.md")]
 pub struct Picture {
     pub machine: String,
     pub scene: String,
@@ -96,7 +92,6 @@ pub struct Picture {
 }
 
 #[derive(Debug, Clone, Serialize, Deserialize)]
-#[allow(missing_docs, reason = "docs/study-rays.md")]
 pub struct Scaling {
     pub machine: String,
     pub scene: String,
@@ -109,7 +104,6 @@ pub struct Scaling {
 
 /// Whether a backend hits what the baseline hits.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-#[allow(missing_docs, reason = "docs/study-rays.md")]
 pub struct Agreement {
     pub machine: String,
     pub scene: String,
@@ -127,21 +121,24 @@ pub struct Agreement {
 }
 
 impl Agreement {
-    pub fn new([machine, scene, backend, stream]: [&str; 4], counts: &Tally) -> Self {
+    pub fn new([machine, scene, backend, stream]: [&str; 4], counts: Tally) -> Self {
+        let [machine, scene, backend, stream] = [machine, scene, backend, stream].map(str::to_owned);
+        let rays = counts.iter().sum();
+        let [same, edge, coplanar, grazing, self_hit, alpha, miss, unexplained] = counts;
         Self {
-            machine: machine.to_owned(),
-            scene: scene.to_owned(),
-            backend: backend.to_owned(),
-            stream: stream.to_owned(),
-            rays: counts.0.iter().sum(),
-            same: counts.of(Class::Same),
-            edge: counts.of(Class::Edge),
-            coplanar: counts.of(Class::Coplanar),
-            grazing: counts.of(Class::Grazing),
-            self_hit: counts.of(Class::SelfHit),
-            alpha: counts.of(Class::Alpha),
-            miss: counts.of(Class::Miss),
-            unexplained: counts.of(Class::Unexplained),
+            machine,
+            scene,
+            backend,
+            stream,
+            rays,
+            same,
+            edge,
+            coplanar,
+            grazing,
+            self_hit,
+            alpha,
+            miss,
+            unexplained,
         }
     }
 }
@@ -191,52 +188,19 @@ impl Results {
     }
 }
 
-/// The rows of a scene.
-pub(super) struct SceneRows<'a> {
-    results: &'a Results,
-    pub name: &'a str,
-    pub triangles: u64,
-}
-
-pub(super) fn scenes(results: &Results) -> Vec<SceneRows<'_>> {
-    let mut all: Vec<SceneRows> = Vec::new();
-    for row in &results.builds {
-        if !all.iter().any(|s| s.name == row.scene) {
-            all.push(SceneRows { results, name: &row.scene, triangles: row.triangles });
-        }
-    }
-    all.sort_by_key(|s| s.triangles);
+/// Names and triangles of the scenes, by size.
+pub(super) fn scenes(results: &Results) -> Vec<(&str, u64)> {
+    let mut all = distinct(results.builds.iter().map(|row| (&*row.scene, row.triangles)));
+    all.sort_by_key(|(_, triangles)| *triangles);
     all
 }
 
-impl<'a> SceneRows<'a> {
-    pub(super) fn traces(&self) -> impl Iterator<Item = &'a Trace> + use<'a> {
-        let name = self.name;
-        self.results.traces.iter().filter(move |r| r.scene == name)
-    }
-
-    pub(super) fn builds(&self) -> impl Iterator<Item = &'a Build> + use<'a> {
-        let name = self.name;
-        self.results.builds.iter().filter(move |r| r.scene == name)
-    }
-
-    pub(super) fn pictures(&self) -> impl Iterator<Item = &'a Picture> + use<'a> {
-        let name = self.name;
-        self.results.pictures.iter().filter(move |r| r.scene == name)
-    }
-
-    pub(super) fn agreements(&self) -> impl Iterator<Item = &'a Agreement> + use<'a> {
-        let name = self.name;
-        self.results.agreements.iter().filter(move |r| r.scene == name)
-    }
-}
-
-/// In the order in which they were measured, the baseline first.
-pub(super) fn distinct<'a>(names: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
-    let mut all: Vec<&str> = Vec::new();
-    for name in names {
-        if !all.contains(&name) {
-            all.push(name);
+/// Each once, in the order in which they were measured, the baseline first.
+pub(super) fn distinct<T: PartialEq>(values: impl Iterator<Item = T>) -> Vec<T> {
+    let mut all = Vec::new();
+    for value in values {
+        if !all.contains(&value) {
+            all.push(value);
         }
     }
     all

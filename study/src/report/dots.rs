@@ -15,17 +15,17 @@ pub struct Dot {
     pub kind: usize,
 }
 
-/// Rows of dots over one axis.
+/// Rows of ratios over one logarithmic axis, on which a line marks 1.
 #[derive(Debug, Clone)]
 pub struct DotPlot {
-    pub title: String,
-    pub label: String,
-    pub axis: Axis,
-    /// A value that matters, with a word.
-    pub mark: Option<(f64, String)>,
+    title: String,
+    label: String,
+    axis: Axis,
+    /// What a ratio of 1 is, in words.
+    same: String,
     /// Names and colours of the kinds.
-    pub kinds: Vec<(String, usize)>,
-    pub rows: Vec<(String, Vec<Dot>)>,
+    kinds: Vec<(String, usize)>,
+    rows: Vec<(String, Vec<Dot>)>,
 }
 
 const WIDTH: f64 = 760.0;
@@ -35,7 +35,7 @@ const TOP: f64 = 54.0;
 const LANE: f64 = 9.0;
 
 impl DotPlot {
-    /// Ratios on a logarithmic axis around 1, where a line says `same`.
+    /// A plot of `rows` of values around 1, where a line says `same`.
     pub fn ratios(
         title: &str,
         label: &str,
@@ -45,7 +45,7 @@ impl DotPlot {
     ) -> Self {
         let shown = rows.iter().flat_map(|(_, dots)| dots.iter().map(|d| d.value.clamp(0.05, 8.0)));
         let axis = Axis::fit(Scale::Log, shown.chain([0.8, 1.2]));
-        Self { title: title.to_owned(), label: label.to_owned(), axis, mark: Some((1.0, same.to_owned())), kinds, rows }
+        Self { title: title.to_owned(), label: label.to_owned(), axis, same: same.to_owned(), kinds, rows }
     }
 
     /// The picture, to stand in a page that has [`super::chart::CSS`].
@@ -65,7 +65,6 @@ impl DotPlot {
         let head = TOP + at.1 - 34.0;
         let w = WIDTH - LEFT - RIGHT;
         let px = |p: f64| LEFT + p * w;
-        let mark = self.mark.as_ref().and_then(|(v, word)| Some((px(self.axis.position(*v)?), word)));
         let content = html! {
             @for ((x, y), name, color) in legend {
                 (dot((x, y), 4.0, color))
@@ -76,9 +75,9 @@ impl DotPlot {
                 (text((x, head + plot_height + 16.0), "soft", "middle", &tick_text(tick)))
             }
             (text((LEFT + w / 2.0, head + plot_height + 36.0), "soft", "middle", &labelled(&self.label, &self.axis)))
-            @if let Some((x, word)) = mark {
+            @if let Some(x) = self.axis.position(1.0).map(px) {
                 (line("mark", (x, head - 4.0), (x, head + plot_height)))
-                (text((x + 4.0, head + 6.0), "soft", "start", word))
+                (text((x + 4.0, head + 6.0), "soft", "start", &self.same))
             }
             @for (i, (name, dots)) in self.rows.iter().enumerate() {
                 @let top = head + row_height * i as f64;
@@ -115,14 +114,9 @@ mod tests {
     #[test]
     fn every_dot_is_drawn_beyond_the_axis_at_its_end() {
         let dot = |value, kind| Dot { value, error: 0.1, kind };
-        let plot = DotPlot {
-            title: "t".into(),
-            label: "l".into(),
-            axis: Axis::new(Scale::Log, 0.1, 10.0),
-            mark: Some((1.0, "same".into())),
-            kinds: vec![("a".into(), 0), ("b".into(), 1)],
-            rows: vec![("x".into(), vec![dot(0.5, 0), dot(100.0, 1), dot(f64::NAN, 1)])],
-        };
+        let kinds = vec![("a".into(), 0), ("b".into(), 1)];
+        let rows = vec![("x".into(), vec![dot(0.5, 0), dot(100.0, 1), dot(f64::NAN, 1)])];
+        let plot = DotPlot::ratios("t", "l", "same", kinds, rows);
         // Two in the legend, two in the row.
         assert_eq!(plot.svg().0.matches("<circle").count(), 4);
         assert!(!plot.file().contains("NaN"));

@@ -20,11 +20,17 @@ use bismar::Result;
 
 use crate::files;
 
-/// Writes `report.html`, and `charts/NAME.svg` for each chart's name and SVG.
-pub fn write(folder: &Path, page: String, charts: impl IntoIterator<Item = (String, String)>) -> Result<()> {
+/// Writes `report.html`, and `charts/NAME.svg` for the overview and for each chart by its name.
+pub fn write(
+    folder: &Path,
+    page: String,
+    overview: Option<DotPlot>,
+    charts: impl IntoIterator<Item = (String, Chart)>,
+) -> Result<()> {
     let svgs = folder.join("charts");
     files::folder(&svgs)?;
-    for (name, svg) in charts {
+    let overview = overview.map(|plot| ("overview".to_owned(), plot.file()));
+    for (name, svg) in charts.into_iter().map(|(name, chart)| (name, chart.file())).chain(overview) {
         files::write(&svgs.join(format!("{name}.svg")), svg)?;
     }
     files::write(&folder.join("report.html"), page)

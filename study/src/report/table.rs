@@ -76,12 +76,6 @@ impl From<f64> for Cell {
     }
 }
 
-impl From<u64> for Cell {
-    fn from(n: u64) -> Self {
-        n.to_string().into()
-    }
-}
-
 /// Empty for `None`.
 impl<T: Into<Cell>> From<Option<T>> for Cell {
     fn from(cell: Option<T>) -> Self {
@@ -165,6 +159,20 @@ impl Table {
         }
     }
 
+    /// Columns side by side, for a terminal.
+    pub fn text(&self) -> String {
+        let head = self.columns.iter().map(|(head, _)| head).collect();
+        let rows = self.rows.iter().map(|row| row.iter().map(|cell| &cell.text).collect());
+        let lines = std::iter::once(head).chain(rows).collect::<Vec<Vec<&String>>>();
+        let widest = |i: usize| lines.iter().map(|line| line[i].chars().count()).max().unwrap_or(0);
+        let widths = (0..self.columns.len()).map(widest).collect::<Vec<_>>();
+        let line = |line: &Vec<&String>| {
+            let cells = line.iter().zip(&widths).skip(1).map(|(text, &width)| format!("  {text:>width$}"));
+            format!("{:<width$}{}\n", line[0], cells.collect::<String>(), width = widths[0])
+        };
+        lines.iter().map(line).collect()
+    }
+
     pub fn markdown(&self) -> String {
         let cell = |text: &str| text.replace('|', "\\|");
         let line = |cells: Vec<String>| format!("| {} |\n", cells.join(" | "));
@@ -219,6 +227,7 @@ mod tests {
         let table = Table::of(&["2"]).column("a|b", "what \"a\" is", |_| "<1>");
         let mut table = table.column("c", "", |text| (text.to_string(), Tone::Bad)).end();
         assert_eq!(table.markdown(), "| a\\|b | c |\n| --- | --- |\n| <1> | 2 |\n");
+        assert_eq!(table.text(), "a|b  c\n<1>  2\n");
         let html = table.html().0;
         assert!(html.contains("&lt;1&gt;") && html.contains(r#"<td class="bad">2"#) && html.contains("&quot;a&quot;"));
         assert!(html.contains(r#"tabindex="0""#) && html.contains("<dt>a|b</dt><dd>what &quot;a&quot; is</dd>"));

@@ -54,8 +54,8 @@ impl Domain {
     }
 
     /// From atoms whose f is equal in all channels.
-    pub fn grey<const K: usize>(places: [(f64, f64, f64); K]) -> Self {
-        Self::new(places.map(|(f, l, b)| ([f; 3], l, b)))
+    pub fn grey(places: impl IntoIterator<Item = (f64, f64, f64)>) -> Self {
+        Self::new(places.into_iter().map(|(f, l, b)| ([f; 3], l, b)))
     }
 
     /// Scales the integrand by a factor.

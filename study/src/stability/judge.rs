@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::simulate::Shot;
-use crate::statistics::Sums;
+use crate::statistics::{Sums, mean_of};
 
 /// Upper bound of the probability that any test of the family raises a false alarm.
 pub const FALSE_ALARM: f64 = 1e-4;
@@ -57,9 +57,31 @@ pub struct Outcome {
     pub share: f64,
     /// Standard deviation of the share over replicas, root mean square over pixels.
     pub share_sd: f64,
+    /// Fraction of renders that were guided by a field; of guiding alone.
+    #[serde(rename = "led", skip_serializing_if = "Option::is_none")]
+    pub guided_fraction: Option<f64>,
 }
 
 impl Outcome {
+    /// From tests of the mean, ratios of variances, and each pixel's shares.
+    pub fn new(estimator: String, finite: bool, tests: &Tests, bias: f64, ratios: &Ratios, shares: &[Sums]) -> Self {
+        let mean = |of: fn(&Sums) -> f64| mean_of(shares.iter().map(of));
+        Self {
+            estimator,
+            finite,
+            z: tests.z,
+            tests: tests.n,
+            bias,
+            mean_ratio: ratios.all.mean(),
+            worst_ratio: ratios.worst.0,
+            worst_se: ratios.worst.1,
+            excess: ratios.excess,
+            share: mean(Sums::mean),
+            share_sd: mean(Sums::variance).sqrt(),
+            guided_fraction: None,
+        }
+    }
+
     /// Judges by the mode's bar and the limit of |z| of all tests.
     pub fn verdict(&self, bar: f64, limit: f64) -> Verdict {
         match () {
@@ -82,9 +104,9 @@ pub struct Ratios {
     bar: f64,
     all: Sums,
     /// The largest and its standard error.
-    pub worst: (f64, f64),
+    worst: (f64, f64),
     /// The largest excess over the bar, in standard errors.
-    pub excess: f64,
+    excess: f64,
 }
 
 impl Ratios {
@@ -93,7 +115,13 @@ impl Ratios {
         Self { bar, all: Sums::default(), worst: (0.0, 0.0), excess: 0.0 }
     }
 
-    pub fn add(&mut self, ratio: f64, error: f64) {
+    /// Adds the ratio of two variances, of which those up to `nothing` are rounding, with its standard error.
+    pub fn add(&mut self, own: f64, base: f64, nothing: f64, error: impl FnOnce() -> f64) {
+        let (ratio, error) = match base > nothing {
+            true => (own / base, error()),
+            false if own <= nothing => (1.0, 0.0),
+            false => (f64::INFINITY, 0.0),
+        };
         self.all.add(ratio);
         if ratio > self.worst.0 {
             self.worst = (ratio, error);
@@ -103,9 +131,21 @@ impl Ratios {
             self.excess = self.excess.max(beyond / error);
         }
     }
+}
 
-    pub fn mean(&self) -> f64 {
-        self.all.mean()
+/// z-tests of an estimator: the largest |z|, and their number.
+#[derive(Debug, Default)]
+pub struct Tests {
+    z: f64,
+    n: usize,
+}
+
+impl Tests {
+    /// Tests a deviation that should be zero, by its standard error.
+    pub fn add(&mut self, off: f64, error: f64) {
+        let own = if off == 0.0 { 0.0 } else { off.abs() / error };
+        self.z = if own.is_nan() { own } else { self.z.max(own) };
+        self.n += 1;
     }
 }
 
@@ -164,45 +204,25 @@ impl Tally {
 
     /// Compares with the exact variances of `half` (by pixel and channel) and the mode's bar.
     pub fn outcome(&self, estimator: String, half: &[[f64; 3]], bar: f64) -> Outcome {
-        let n = self.truth.len();
-        let (mut z, mut tests, mut ratios) = (0.0f64, 0, Ratios::new(bar));
-        let truth: [f64; 3] = std::array::from_fn(|c| self.truth.iter().map(|t| t[c]).sum::<f64>() / n as f64);
-        let mut test = |sums: &Sums, truth: f64| {
-            // Weights are f32.
-            let error = sums.error().hypot(4.0 * f64::from(f32::EPSILON) * truth.abs());
-            let own = if sums.mean() == 0.0 { 0.0 } else { sums.mean().abs() / error };
-            (z, tests) = (if own.is_nan() { own } else { z.max(own) }, tests + 1);
-        };
+        let (mut tests, mut ratios) = (Tests::default(), Ratios::new(bar));
+        let truth: [f64; 3] = std::array::from_fn(|c| mean_of(self.truth.iter().map(|t| t[c])));
+        // Weights are f32.
+        let mut test =
+            |sums: &Sums, truth: f64| tests.add(sums.mean(), sums.error().hypot(4.0 * f64::from(f32::EPSILON) * truth));
         for (i, half) in half.iter().enumerate() {
             for (c, &base) in half.iter().enumerate() {
                 test(&self.estimate[i][c], self.truth[i][c]);
                 let own = self.variance[i][c];
                 // Rounding: a relative error of 1e-7.
                 let nothing = 1e-14 * self.truth[i][c].powi(2);
-                let (ratio, error) = match base > nothing {
-                    true => (own.mean() / base, own.error() / base),
-                    false if own.mean() <= nothing => (1.0, 0.0),
-                    false => (f64::INFINITY, 0.0),
-                };
-                ratios.add(ratio, error);
+                ratios.add(own.mean(), base, nothing, || own.error() / base);
             }
         }
         (0..3).for_each(|c| test(&self.picture[c], truth[c]));
         let total: f64 = truth.iter().sum();
         let off: f64 = self.picture.iter().map(Sums::mean).sum();
-        Outcome {
-            estimator,
-            finite: self.finite,
-            z,
-            tests,
-            bias: if total > 0.0 { off / total } else { off },
-            mean_ratio: ratios.mean(),
-            worst_ratio: ratios.worst.0,
-            worst_se: ratios.worst.1,
-            excess: ratios.excess,
-            share: self.share.iter().map(Sums::mean).sum::<f64>() / n as f64,
-            share_sd: (self.share.iter().map(Sums::variance).sum::<f64>() / n as f64).sqrt(),
-        }
+        let bias = if total > 0.0 { off / total } else { off };
+        Outcome::new(estimator, self.finite, &tests, bias, &ratios, &self.share)
     }
 }
 

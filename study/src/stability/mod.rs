@@ -15,7 +15,7 @@ pub mod renders;
 pub mod scenes;
 pub mod sharing;
 pub mod simulate;
-mod tables;
+pub mod tables;
 
 use std::sync::atomic::AtomicBool;
 
@@ -34,7 +34,7 @@ use simulate::{Subject, replica};
 /// A failure mode and the results of the estimators in it.
 #[derive(Debug, Clone, Serialize)]
 pub struct ModeResult {
-    /// F1 … F18, F24 … F29.
+    /// F1 … F29.
     pub mode: &'static str,
     pub name: &'static str,
     /// Description of the case.
@@ -47,13 +47,25 @@ pub struct ModeResult {
     pub bar: f64,
     /// Mean over pixels of the least variance of any fixed share over that of `half`; `None` in renders.
     pub best: Option<f64>,
+    /// Whether `--guiding on` uses an adversarial field; of guiding alone.
+    #[serde(rename = "lies", skip_serializing_if = "Option::is_none")]
+    pub adversarial: Option<bool>,
     /// One per estimator. Renders lack the estimators that exist only in simulation.
     pub outcomes: Vec<Outcome>,
 }
 
-/// Results of the exact cases and scenes.
+impl ModeResult {
+    /// Whether an adversarial field guides the renders. Their noise is not judged: the program makes no such field.
+    fn misleads(&self, outcome: &Outcome) -> bool {
+        self.adversarial == Some(true) && outcome.estimator == "on"
+    }
+}
+
+/// Results of balances, of guiding or of path re-use.
 #[derive(Debug, Clone, Serialize)]
 pub struct Results {
+    /// Per estimator and mode.
+    pub replicas: u32,
     /// Largest |z| allowed of one test.
     pub z_limit: f64,
     /// Number of z-tests.
@@ -66,14 +78,21 @@ pub struct Results {
 }
 
 impl Results {
-    /// Number of replicas per estimator and mode.
-    pub fn replicas(&self) -> u32 {
-        self.modes.first().map_or(0, |m| m.replicas)
+    /// Results of modes, with `more` tests outside of them.
+    fn new(replicas: u32, modes: Vec<ModeResult>, more: usize) -> Self {
+        let tests = modes.iter().flat_map(|m| &m.outcomes).map(|o| o.tests).sum::<usize>() + more;
+        let (z_limit, false_alarm) = (z_limit(tests), judge::FALSE_ALARM);
+        Self { replicas, z_limit, tests, false_alarm, modes, facts: Vec::new(), controls: Vec::new() }
     }
 
     /// Judges an estimator in a mode.
     pub fn verdict(&self, mode: &ModeResult, outcome: &Outcome) -> Verdict {
         outcome.verdict(mode.bar, self.z_limit)
+    }
+
+    /// Names of the estimators.
+    fn estimators(&self) -> impl Iterator<Item = &String> {
+        self.modes.iter().take(1).flat_map(|mode| &mode.outcomes).map(|outcome| &outcome.estimator)
     }
 
     /// Whether every control is caught.
@@ -88,41 +107,21 @@ impl Results {
     }
 }
 
-/// Results of a run of the study: of balances, of guiding, or of both.
+/// Results of a run of the study.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct Found {
     /// F1 … F18, F24, F25.
     #[serde(flatten)]
     pub balance: Option<Results>,
     /// F19 … F23.
-    pub guiding: Option<guiding::Results>,
+    pub guiding: Option<Results>,
     /// F26 … F29.
     pub path_reuse: Option<Results>,
 }
 
 impl Found {
-    /// Results without those of guiding, which have a form of their own.
-    fn of_balances(&self) -> impl Iterator<Item = &Results> {
-        self.balance.iter().chain(&self.path_reuse)
-    }
-
-    /// Number of replicas per estimator and mode.
-    pub fn replicas(&self) -> u32 {
-        let guiding = || self.guiding.as_ref().map_or(0, |r| r.replicas);
-        self.of_balances().next().map_or_else(guiding, Results::replicas)
-    }
-
-    pub fn controls(&self) -> impl Iterator<Item = &Control> {
-        let of_balance = self.of_balances().flat_map(|r| &r.controls);
-        of_balance.chain(self.guiding.iter().flat_map(|r| &r.controls))
-    }
-
-    /// Estimator, mode and name of the mode for each wrong mean or value that is not finite.
-    pub fn wrong(&self) -> Vec<(&str, &str, &str)> {
-        let of_balance = self.of_balances().flat_map(Results::wrong).map(|(estimator, m)| (estimator, m.mode, m.name));
-        let of_guiding =
-            self.guiding.iter().flat_map(guiding::Results::wrong).map(|(estimator, m)| (estimator, m.mode, m.name));
-        of_balance.chain(of_guiding).collect()
+    pub fn all(&self) -> impl Iterator<Item = &Results> {
+        self.balance.iter().chain(&self.guiding).chain(&self.path_reuse)
     }
 }
 
@@ -149,8 +148,8 @@ pub fn measure(
         }
         let best = case.image.pixels.iter().map(|d| d.best(case.paths)).sum::<f64>() / case.image.pixels.len() as f64;
         let Case { mode, name, construct, paths, bar, .. } = case;
-        let (rendered, best) = (false, Some(best));
-        modes.push(ModeResult { mode, name, construct, rendered, paths, replicas, bar, best, outcomes });
+        let (rendered, best, adversarial) = (false, Some(best), None);
+        modes.push(ModeResult { mode, name, construct, rendered, paths, replicas, bar, best, adversarial, outcomes });
     }
     if let Some(replicas) = scene_replicas {
         let estimators: Vec<_> = Balance::all().iter().map(|balance| (*balance).into()).collect();
@@ -164,17 +163,17 @@ pub fn measure(
     done()?;
     let unsafe_outcome = exact(&unsafe_case, Subject::Unsafe, replicas);
     done()?;
-    let all = modes.iter().flat_map(|m| &m.outcomes).chain([&biased_outcome, &unsafe_outcome]);
-    let tests = all.map(|o| o.tests).sum();
-    let z_limit = z_limit(tests);
+    let mut results = Results::new(replicas, modes, biased_outcome.tests + unsafe_outcome.tests);
     let control =
         |Case { mode, name, .. }: Case, check, caught, outcome| Control { mode, name, check, outcome, caught };
-    let unsafe_caught = unsafe_outcome.verdict(unsafe_case.bar, z_limit) == Verdict::Fails;
-    let controls = vec![
-        control(biased, "z-test of the mean", biased_outcome.z > z_limit, biased_outcome),
+    let biased_caught = biased_outcome.z > results.z_limit;
+    let unsafe_caught = unsafe_outcome.verdict(unsafe_case.bar, results.z_limit) == Verdict::Fails;
+    results.controls = vec![
+        control(biased, "z-test of the mean", biased_caught, biased_outcome),
         control(unsafe_case, "worst pixel's variance", unsafe_caught, unsafe_outcome),
     ];
-    Ok(Results { z_limit, tests, false_alarm: judge::FALSE_ALARM, modes, facts: facts::facts(), controls })
+    results.facts = facts::facts();
+    Ok(results)
 }
 
 /// Measures a scene, as [`SceneCase::outcomes`].
@@ -187,8 +186,18 @@ fn rendered(
 ) -> Result<ModeResult> {
     let outcomes = case.outcomes(estimators, replicas, stop, done)?;
     let SceneCase { mode, name, construct, .. } = *case;
+    Ok(of_renders([mode, name, construct], replicas, None, outcomes))
+}
+
+/// The result of a mode whose variances come from renders.
+fn of_renders(
+    [mode, name, construct]: [&'static str; 3],
+    replicas: u32,
+    adversarial: Option<bool>,
+    outcomes: Vec<Outcome>,
+) -> ModeResult {
     let (rendered, bar, best, paths) = (true, cases::BAR, None, scenes::PATHS);
-    Ok(ModeResult { mode, name, construct, rendered, paths, replicas, bar, best, outcomes })
+    ModeResult { mode, name, construct, rendered, paths, replicas, bar, best, adversarial, outcomes }
 }
 
 /// Replicas that one task adds up. Tasks' sums are added in order, so that the result does not depend on threads.

@@ -5,63 +5,16 @@ use std::path::Path;
 use bismar::Result;
 
 use super::facts::Fact;
-use super::judge::{Outcome, Verdict};
+use super::judge::Verdict;
 use super::scenes::OTHER_SEEDS;
-use super::simulate::Subject;
-use super::tables::{Part, by_mode, controls, failures, faint, judged, largest_z, marked, ratio};
-use super::{Found, ModeResult, Results, guiding, sharing};
+use super::tables::{Part, by_estimator, controls, faint, largest_z, marked, name_of, ratio, survival};
+use super::{Found, ModeResult, Results};
 use crate::files;
 use crate::provenance::Provenance;
-use crate::report::{Cell, Columns, Page, Table};
+use crate::report::{Columns, Page, Table};
 
 /// Version of the JSON. It rises when a field changes its meaning or is removed.
 const SCHEMA: u32 = 1;
-
-/// Names of the estimators of the balance.
-fn balances() -> Vec<String> {
-    Subject::shown().into_iter().map(Subject::name).collect()
-}
-
-/// Names of the sizes of groups.
-fn groups() -> Vec<String> {
-    sharing::estimators().map(|estimator| estimator.name).into()
-}
-
-/// [`by_mode`] for estimators of these names.
-fn by_estimator<'a, C: Into<Cell>>(
-    results: &'a Results,
-    names: &[String],
-    cell: impl Fn(&'a ModeResult, &'a Outcome) -> C,
-) -> Columns<'a, ModeResult> {
-    by_mode(&results.modes, name_of, names, |mode, name| {
-        mode.outcomes.iter().find(|o| o.estimator == name).map(|o| cell(mode, o))
-    })
-}
-
-fn name_of(mode: &ModeResult) -> String {
-    format!("{} {}", mode.mode, mode.name)
-}
-
-/// The worst pixel and channel of each mode and estimator, and the number of failures of each estimator.
-fn survival_of(results: &Results, names: &[String]) -> Table {
-    let table = by_estimator(results, names, |m, o| judged(o, m.bar, results.verdict(m, o)));
-    let mut table = table.column("bar", "largest variance ratio that survives", |m| faint(ratio(m.bar))).end();
-    let of = |name: &String| {
-        let all = results.modes.iter().flat_map(|m| m.outcomes.iter().map(move |o| (m, o)));
-        let own = all.filter(|(_, o)| o.estimator == *name);
-        own.map(|(m, o)| results.verdict(m, o)).collect::<Vec<_>>()
-    };
-    table.push(failures(names.iter().map(of)));
-    table
-}
-
-/// The survival tables.
-pub fn survival(found: &Found) -> Vec<Table> {
-    let balance = found.balance.as_ref().map(|results| survival_of(results, &balances()));
-    let guiding = found.guiding.as_ref().map(guiding::page::survival);
-    let path_reuse = found.path_reuse.as_ref().map(|results| survival_of(results, &groups()));
-    [balance, guiding, path_reuse].into_iter().flatten().collect()
-}
 
 fn facts(results: &Results) -> Table {
     let table = Table::of(&results.facts);
@@ -83,28 +36,55 @@ trusted: see its shares below. `power` and `max` do not adapt; their losses come
 const SHARED: &str = "Variances with `--path-reuse` over those without, with equal paths, in the worst pixel, marked as those of \
 balances are. 16:4 traces a quarter of the paths behind first surfaces, and costs less: with independent paths as few as that, \
 the ratio would be about 4. All 16 pixels share; in a picture groups are drawn from 256.";
+const GUIDED: &str = "`--guiding auto` is safe: where its pre-pass decides against a field, the picture equals that of `half` \
+to the bit. The numbers are variances of `half` with `--guiding on` and `--guiding auto` over those of `half` without guiding, \
+in the worst pixel, marked as those of balances are, with a bar of 1.05. An adversarial field was learned from wrong samples: \
+it may add noise, but it must not change the mean. In these rows too, `auto` uses the field of its own pre-pass.";
+const GUIDED_CONTROLS: &str = "Deliberate errors in the scene of F23. Averages weighted by measured variances are too dark: they \
+prefer the half of the paths that missed the light. Guiding by the firefly's field is noisy but unbiased.";
+const GUIDED_METHOD: &str = "Renders of the 4 x 4 pixels in the middle of 64 x 64, with 64 paths per pixel and at most 4 segments per \
+path; the pre-pass covers all 64 x 64 pixels. A hundred replicas share a pre-pass; the first of them equals, to the bit, what \
+`render` makes with these settings.";
 const SHARES: &str = "Mean share of light samples in the last pass ± its standard deviation over replicas. F10 tests how much \
 the share varies where all pixels are equal.";
 const FACTS: &str = "The share of light samples after samples that break naive rules. Invalid samples must not count.";
 
 fn parts(found: &Found) -> Vec<Part> {
-    let balance = found.balance.as_ref().map_or_else(Vec::new, of_balance);
-    let guiding = found.guiding.as_ref().map_or_else(Vec::new, guiding::page::parts);
-    let path_reuse = found.path_reuse.as_ref().map_or_else(Vec::new, of_path_reuse);
-    balance.into_iter().chain(guiding).chain(path_reuse).collect()
+    let balance = found.balance.as_ref().map(of_balance);
+    let guiding = found.guiding.as_ref().map(of_guiding);
+    let path_reuse = found.path_reuse.as_ref().map(of_path_reuse);
+    [balance, guiding, path_reuse].into_iter().flatten().flatten().collect()
+}
+
+fn of_guiding(results: &Results) -> Vec<Part> {
+    let field = |m: &ModeResult| if m.adversarial == Some(true) { "adversarial" } else { "its pre-pass" };
+    let means = by_estimator(results, |_, o| ratio(o.mean_ratio));
+    let means = means.column("field of `on`", "", |m| faint(field(m))).end();
+    let modes = Table::of(&results.modes).words("mode", name_of).words("construction", |m| m.construct);
+    vec![
+        Part::new("Guiding: who survives what", GUIDED, survival(results)),
+        Part::new("Guiding: on average", "The same ratios, averaged over pixels.", means),
+        Part::new("Guiding: means", &family(results), unbiased(results).end()),
+        Part::new("Guiding: controls", GUIDED_CONTROLS, controls(&results.controls)),
+        Part::new("Guiding: the modes", GUIDED_METHOD, modes.words("field of `on`", field).end()),
+    ]
 }
 
 fn of_path_reuse(results: &Results) -> Vec<Part> {
-    let names = groups();
-    let means = by_estimator(results, &names, |_, o| ratio(o.mean_ratio)).end();
-    let unbiased = by_estimator(results, &names, |m, o| largest_z(o, results.verdict(m, o))).end();
+    let means = by_estimator(results, |_, o| ratio(o.mean_ratio)).end();
     let modes = Table::of(&results.modes).words("mode", name_of).words("construction", |m| m.construct).end();
     vec![
-        Part::new("Path re-use: who survives what", SHARED, survival_of(results, &names)),
+        Part::new("Path re-use: who survives what", SHARED, survival(results)),
         Part::new("Path re-use: on average", "The same ratios, averaged over pixels.", means),
-        Part::new("Path re-use: means", &family(results), unbiased),
+        Part::new("Path re-use: means", &family(results), unbiased(results).end()),
         Part::new("Path re-use: the modes", "Renders as above, with at most 3 segments per path.", modes),
     ]
+}
+
+/// The largest z of each mode and estimator.
+fn unbiased(results: &Results) -> Columns<'_, ModeResult> {
+    by_estimator(results, |m, o| largest_z(o, results.verdict(m, o)))
+        .column("tests", "z-tests per estimator", |m| faint(m.outcomes.first().map_or(0, |o| o.tests).to_string()))
 }
 
 fn family(results: &Results) -> String {
@@ -112,30 +92,23 @@ fn family(results: &Results) -> String {
         "Largest |mean − truth| in standard errors over all pixels, channels and the picture's mean, after {} replicas. The \
          probability that any of the {} tests raises a false alarm is at most {} (Bonferroni, bound of the normal tail): the \
          limit is {:.2}. Exact cases are tested against the exact value, renders against renders by `half` with other seeds.",
-        results.replicas(),
-        results.tests,
-        results.false_alarm,
-        results.z_limit
+        results.replicas, results.tests, results.false_alarm, results.z_limit
     )
 }
 
 fn of_balance(results: &Results) -> Vec<Part> {
-    let names = balances();
-    let means = by_estimator(results, &names, |_, o| ratio(o.mean_ratio));
+    let means = by_estimator(results, |_, o| ratio(o.mean_ratio));
     let means = means.column("best fixed share", "least variance of any fixed sample counts", |m| {
         faint(m.best.map_or("–".to_owned(), ratio))
     });
-    let unbiased = by_estimator(results, &names, |m, o| largest_z(o, results.verdict(m, o)));
-    let unbiased = unbiased
-        .column("tests", "z-tests per estimator", |m| faint(m.outcomes.first().map_or(0, |o| o.tests).to_string()));
-    let shares = by_estimator(results, &names, |_, o| format!("{:.2} ± {:.2}", o.share, o.share_sd));
+    let shares = by_estimator(results, |_, o| format!("{:.2} ± {:.2}", o.share, o.share_sd));
     let modes = Table::of(&results.modes).words("mode", name_of).words("construction", |m| m.construct);
     let modes = modes.words("paths per pixel", |m| m.paths.to_string());
     let modes = modes.words("variances from", |m| if m.rendered { "renders" } else { "exact sums" });
     vec![
-        Part::new("Who survives what", WORST, survival_of(results, &names)),
+        Part::new("Who survives what", WORST, survival(results)),
         Part::new("On average", "The same ratios, averaged over pixels and channels.", means.end()),
-        Part::new("Means", &family(results), unbiased.end()),
+        Part::new("Means", &family(results), unbiased(results).end()),
         Part::new("Controls", "Deliberate errors that the checks must catch.", controls(&results.controls)),
         Part::new("Shares", SHARES, shares.end()),
         Part::new("Shares after hard samples", FACTS, facts(results)),
@@ -156,7 +129,8 @@ fn command(found: &Found) -> String {
         (None, None, Some(_)) => " --only path-reuse",
         _ => "",
     };
-    format!("bismar study stability --replicas {}{only} --out DIR", found.replicas())
+    let replicas = found.all().next().map_or(0, |results| results.replicas);
+    format!("bismar study stability --replicas {replicas}{only} --out DIR")
 }
 
 /// The tables for `docs`.

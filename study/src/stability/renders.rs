@@ -1,7 +1,7 @@
 //! Statistics of many renders of one picture by one estimator.
 
 use super::cases::BAR;
-use super::judge::{Outcome, Ratios};
+use super::judge::{Outcome, Ratios, Tests};
 use crate::statistics::Sums;
 
 /// Green channel and shares of light samples of all replicas.
@@ -23,49 +23,30 @@ impl Renders {
             values.for_each(|x| sums.add(x));
             sums
         };
-        let (mut z, mut ratios, mut shares) = (0.0f64, Ratios::new(BAR), Vec::new());
+        let (mut tests, mut ratios, mut shares) = (Tests::default(), Ratios::new(BAR), Vec::new());
         let mut test = |a: Sums, b: Sums| {
-            let off = a.mean() - b.mean();
-            let rounding = 4.0 * f64::from(f32::EPSILON) * b.mean().abs();
-            let own = if off == 0.0 { 0.0 } else { off.abs() / a.error().hypot(b.error()).hypot(rounding) };
-            z = if own.is_nan() { own } else { z.max(own) };
+            let rounding = 4.0 * f64::from(f32::EPSILON) * b.mean();
+            tests.add(a.mean() - b.mean(), a.error().hypot(b.error()).hypot(rounding));
         };
         for i in 0..pixels {
             let pixel = |r: &Renders| sums(&mut r.green.iter().map(|p| p[i]));
             let (a, b) = (pixel(own), pixel(half));
             test(a, pixel(truth));
             let nothing = 1e-10 * b.mean().powi(2);
-            let (ratio, error) = if b.variance() > nothing {
+            ratios.add(a.variance(), b.variance(), nothing, || {
                 // Influence of each replica on the logarithm of the ratio; both estimators have the same seeds.
-                let influence = own.green.iter().zip(&half.green).map(|(x, y)| {
+                let mut influence = own.green.iter().zip(&half.green).map(|(x, y)| {
                     (x[i] - a.mean()).powi(2) / a.variance().max(nothing) - (y[i] - b.mean()).powi(2) / b.variance()
                 });
-                let ratio = a.variance() / b.variance();
-                (ratio, ratio * sums(&mut influence.collect::<Vec<_>>().into_iter()).error())
-            } else if a.variance() <= nothing {
-                (1.0, 0.0)
-            } else {
-                (f64::INFINITY, 0.0)
-            };
-            ratios.add(ratio, error);
+                a.variance() / b.variance() * sums(&mut influence).error()
+            });
             shares.push(sums(&mut own.shares.iter().map(|s| f64::from(s[i]))));
         }
         let picture = |r: &Renders| sums(&mut r.green.iter().map(|p| p.iter().sum::<f64>() / pixels as f64));
         let (a, b) = (picture(own), picture(truth));
         test(a, b);
-        Outcome {
-            estimator,
-            finite: own.green.iter().flatten().all(|x| x.is_finite())
-                && own.shares.iter().flatten().all(|s| (0.0..=1.0).contains(s)),
-            z,
-            tests: pixels + 1,
-            bias: a.mean() / b.mean() - 1.0,
-            mean_ratio: ratios.mean(),
-            worst_ratio: ratios.worst.0,
-            worst_se: ratios.worst.1,
-            excess: ratios.excess,
-            share: shares.iter().map(Sums::mean).sum::<f64>() / pixels as f64,
-            share_sd: (shares.iter().map(Sums::variance).sum::<f64>() / pixels as f64).sqrt(),
-        }
+        let finite = own.green.iter().flatten().all(|x| x.is_finite())
+            && own.shares.iter().flatten().all(|s| (0.0..=1.0).contains(s));
+        Outcome::new(estimator, finite, &tests, a.mean() / b.mean() - 1.0, &ratios, &shares)
     }
 }

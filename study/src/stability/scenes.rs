@@ -64,6 +64,20 @@ pub(super) fn ceiling(scene: &mut Scene, [x, y, z]: [f32; 3], w: f32, material: 
     plate(scene, [x - w, y, z - w], [2.0 * w, 0.0, 0.0], [0.0, 0.0, 2.0 * w], material);
 }
 
+/// A point light, or a sphere of a radius.
+fn point_light(position: [f32; 3], size: f32) -> PunctualLight {
+    PunctualLight {
+        motion: Vec::new(),
+        name: "point".into(),
+        kind: PunctualKind::Point,
+        intensity: Vec3::splat(0.5),
+        position: position.into(),
+        direction: Vec3::NEG_Y,
+        range: f32::INFINITY,
+        size,
+    }
+}
+
 pub fn scene_cases() -> Result<[SceneCase; SCENES]> {
     let lit_from_infinity = || Scene { environment: Some(Environment::constant([0.4; 3])), ..Default::default() };
     let build = SceneCase::new;
@@ -76,16 +90,7 @@ pub fn scene_cases() -> Result<[SceneCase; SCENES]> {
     floor(&mut delta, [-3.0, 0.0], metal(0.0));
     floor(&mut delta, [0.0, 3.0], lambert(0.6));
     ceiling(&mut delta, [0.0, 1.0, -0.6], 0.3, area_light(6.0));
-    delta.lights.push(PunctualLight {
-        motion: Vec::new(),
-        name: "point".into(),
-        kind: PunctualKind::Point,
-        intensity: Vec3::splat(0.5),
-        position: Vec3::new(0.5, 1.0, 0.5),
-        direction: Vec3::NEG_Y,
-        range: f32::INFINITY,
-        size: 0.0,
-    });
+    delta.lights.push(point_light([0.5, 1.0, 0.5], 0.0));
 
     let mut sobol = lit_from_infinity();
     floor(&mut sobol, [-3.0, 3.0], metal(0.4));
@@ -115,73 +120,27 @@ pub fn scene_cases() -> Result<[SceneCase; SCENES]> {
     floor(&mut walled, [-3.0, 3.0], lambert(0.6));
     ceiling(&mut walled, [0.8, 1.0, -0.2], 0.3, area_light(20.0));
     ceiling(&mut walled, [-0.5, 1.2, 0.0], 0.2, area_light(2.0));
-    plate(
-        &mut walled,
-        [0.36, 0.0, -3.0],
-        [0.0, 0.0, 6.0],
-        [0.0, 0.9, 0.0],
-        Material { double_sided: true, ..lambert(0.0) },
-    );
+    let black = Material { double_sided: true, ..lambert(0.0) };
+    plate(&mut walled, [0.36, 0.0, -3.0], [0.0, 0.0, 6.0], [0.0, 0.9, 0.0], black);
 
     // Beside the place where the sphere touches the floor it covers half of the directions.
     let mut touching = Scene::default();
     floor(&mut touching, [-3.0, 3.0], metal(0.5));
-    touching.lights.push(PunctualLight {
-        motion: Vec::new(),
-        name: "sphere".into(),
-        kind: PunctualKind::Point,
-        intensity: Vec3::splat(0.5),
-        position: Vec3::new(0.0, 0.2, 0.0),
-        direction: Vec3::NEG_Y,
-        range: f32::INFINITY,
-        size: 0.2,
-    });
+    touching.lights.push(point_light([0.0, 0.2, 0.0], 0.2));
 
-    let direct = Integrator::Direct;
+    let (direct, path) = (Integrator::Direct, Integrator::Path);
+    let mirrored = "an area light, and its reflection in a small mirror that only BSDF samples find";
+    let glossy = "a glossy floor under an area light and an environment";
+    let hidden = "a bright area light that one column sees past a wall, and a dim one";
     Ok([
         build("F6", "deltas", "a mirror, a diffuse floor, a point light, an area light", direct, delta, 0.3)?,
-        build(
-            "F8",
-            "caustic",
-            "an area light, and its reflection in a small mirror that only BSDF samples find",
-            Integrator::Path,
-            caustic,
-            0.2,
-        )?,
-        build(
-            "F11",
-            "low-discrepancy points",
-            "a glossy floor under an area light and an environment",
-            direct,
-            sobol,
-            0.5,
-        )?,
+        build("F8", "caustic", mirrored, path, caustic, 0.2)?,
+        build("F11", "low-discrepancy points", glossy, direct, sobol, 0.5)?,
         build("F14", "material edge, rendered", "a near mirror next to a diffuse floor", direct, edge, 0.3)?,
         build("F15", "shadow edge, rendered", "a hard shadow across a glossy floor", direct, shadow, 0.2)?,
-        build(
-            "F18",
-            "compensation, in the sun",
-            "an environment with a sun, a wall's shadow",
-            Integrator::Path,
-            sunny,
-            0.3,
-        )?,
-        build(
-            "F18",
-            "compensation, in the shade",
-            "an environment whose sun a wall hides",
-            Integrator::Path,
-            shady,
-            0.3,
-        )?,
-        build(
-            "F24",
-            "learned light selection",
-            "a bright area light that one column sees past a wall, and a dim one",
-            direct,
-            walled,
-            0.3,
-        )?,
+        build("F18", "compensation, in the sun", "an environment with a sun, a wall's shadow", path, sunny, 0.3)?,
+        build("F18", "compensation, in the shade", "an environment whose sun a wall hides", path, shady, 0.3)?,
+        build("F24", "learned light selection", hidden, direct, walled, 0.3)?,
         build("F25", "a sphere that touches a surface", "a lamp on a glossy floor", direct, touching, 0.2)?,
     ])
 }

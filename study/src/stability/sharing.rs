@@ -10,7 +10,6 @@ use bismar::render::Integrator;
 use bismar::scene::build::{area_light, lambert};
 use bismar::scene::{Environment, Material, Scene};
 
-use super::judge::{FALSE_ALARM, z_limit};
 use super::scenes::{Estimator, SIDE, SceneCase, ceiling, floor, plate};
 use super::{Results, rendered};
 
@@ -33,6 +32,7 @@ fn lit_wall(scene: &mut Scene, [w, d, y]: [f32; 3], radiance: f32) {
 fn cases() -> Result<[SceneCase; CASES]> {
     let black = || Material { double_sided: true, ..lambert(0.0) };
     let new = |mode, name, construct, scene, yfov| SceneCase::new(mode, name, construct, Integrator::Path, scene, yfov);
+    let screened = "a wall lights the floor; a screen hides it from half of the pixels";
     let mut edge = Scene::default();
     floor(&mut edge, [-3.0, 3.0], lambert(0.6));
     lit_wall(&mut edge, [0.2, 0.3, 0.6], 10.0);
@@ -52,13 +52,7 @@ fn cases() -> Result<[SceneCase; CASES]> {
     lit_wall(&mut one_black, [0.2, 0.3, 0.6], 10.0);
     plate(&mut one_black, [0.0, 0.001, 0.0], [0.25, 0.0, 0.0], [0.0, 0.0, -0.3], black());
     Ok([
-        new(
-            "F26",
-            "edge of a shadow",
-            "a wall lights the floor; a screen hides it from half of the pixels",
-            edge,
-            0.2,
-        )?,
+        new("F26", "edge of a shadow", screened, edge, 0.2)?,
         new("F27", "a firefly that is lent", "a tiny bright spot on a wall, and a dim environment", firefly, 0.2)?,
         new("F28", "corner", "two surfaces that meet in the middle of the picture light each other", corner, 0.1)?,
         new("F29", "one black pixel", "as F26 without the screen; one pixel is black", one_black, 0.3)?,
@@ -77,7 +71,5 @@ pub fn measure(replicas: u32, stop: &AtomicBool, done: &mut dyn FnMut() -> Resul
     for case in cases()? {
         modes.push(rendered(&case, &estimators(), replicas, stop, done)?);
     }
-    let tests = modes.iter().flat_map(|m| &m.outcomes).map(|o| o.tests).sum();
-    let (facts, controls) = (Vec::new(), Vec::new());
-    Ok(Results { z_limit: z_limit(tests), tests, false_alarm: FALSE_ALARM, modes, facts, controls })
+    Ok(Results::new(replicas, modes, 0))
 }

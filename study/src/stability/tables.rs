@@ -1,6 +1,7 @@
-//! Cells, columns and tables that both halves of the page have.
+//! Cells, columns and tables that all parts of the page have.
 
 use super::judge::{Control, Outcome, Verdict};
+use super::{ModeResult, Results};
 use crate::report::{Cell, Columns, Table, Tone, number};
 
 /// A section of the page.
@@ -60,26 +61,50 @@ pub(super) fn faint(text: impl Into<String>) -> Cell {
     (text.into(), Tone::Faint).into()
 }
 
-/// A table with a row per mode and a column per estimator. `cell` is `None` where an estimator lacks a mode.
-pub(super) fn by_mode<'a, M, C: Into<Cell>>(
-    modes: &'a [M],
-    name: fn(&M) -> String,
-    estimators: &[String],
-    cell: impl Fn(&'a M, &str) -> Option<C>,
-) -> Columns<'a, M> {
-    let table = Table::of(modes).column("mode", "failure mode", name);
-    estimators.iter().fold(table, |table, estimator| {
-        table.column(estimator, "", |mode| cell(mode, estimator).map_or_else(|| faint("–"), C::into))
+pub(super) fn name_of(mode: &ModeResult) -> String {
+    format!("{} {}", mode.mode, mode.name)
+}
+
+/// A table with a row per mode and a column per estimator.
+pub(super) fn by_estimator<'a, C: Into<Cell>>(
+    results: &'a Results,
+    cell: impl Fn(&'a ModeResult, &'a Outcome) -> C,
+) -> Columns<'a, ModeResult> {
+    let table = Table::of(&results.modes).column("mode", "failure mode", name_of);
+    results.estimators().fold(table, |table, name| {
+        table.column(name, "", |mode| {
+            let own = mode.outcomes.iter().find(|o| o.estimator == *name);
+            own.map_or_else(|| faint("–"), |own| cell(mode, own).into())
+        })
     })
 }
 
-/// The last row of the survival table: the number of certain failures of each estimator.
-pub(super) fn failures(verdicts: impl Iterator<Item = Vec<Verdict>>) -> impl Iterator<Item = Cell> {
-    let of = |own: Vec<Verdict>| {
-        let failed = own.iter().filter(|v| matches!(v, Verdict::Fails | Verdict::Wrong)).count();
-        (format!("{failed} of {}", own.len()), if failed > 0 { Tone::Bad } else { Tone::Good }).into()
+/// The worst pixel and channel of each mode and estimator, and the number of failures of each estimator.
+pub fn survival(results: &Results) -> Table {
+    let table = by_estimator(results, |m, o| match results.verdict(m, o) {
+        verdict if m.misleads(o) && verdict != Verdict::Wrong => {
+            faint(format!("{} (adversarial)", ratio(o.worst_ratio)))
+        }
+        verdict => judged(o, m.bar, verdict),
+    });
+    let guided = |m: &ModeResult| m.outcomes.last().and_then(|auto| auto.guided_fraction);
+    let table = if results.modes.iter().any(|m| guided(m).is_some()) {
+        table.column("auto guides", "fraction of pre-passes that decide for guiding", |m| {
+            faint(format!("{:.0} %", 100.0 * guided(m).unwrap_or(0.0)))
+        })
+    } else {
+        table.column("bar", "largest variance ratio that survives", |m| faint(ratio(m.bar)))
     };
-    std::iter::once("fails for sure".into()).chain(verdicts.map(of)).chain([faint("")])
+    let mut table = table.end();
+    let failures = |name: &String| -> Cell {
+        let all = results.modes.iter().flat_map(|m| m.outcomes.iter().map(move |o| (m, o)));
+        let own = all.filter(|(m, o)| o.estimator == *name && !m.misleads(o));
+        let verdicts = own.map(|(m, o)| results.verdict(m, o)).collect::<Vec<_>>();
+        let failed = verdicts.iter().filter(|v| matches!(v, Verdict::Fails | Verdict::Wrong)).count();
+        (format!("{failed} of {}", verdicts.len()), if failed > 0 { Tone::Bad } else { Tone::Good }).into()
+    };
+    table.push(["fails for sure".into()].into_iter().chain(results.estimators().map(failures)).chain([faint("")]));
+    table
 }
 
 pub(super) fn controls(controls: &[Control]) -> Table {

@@ -2,23 +2,20 @@
 
 use crate::balance::scene_results::SceneResults;
 use crate::balance::table::{Level, Outcome, Row};
-use crate::balance::{CONTROL, Design, Estimator, HALF};
+use crate::balance::{CONTROL, Design, HALF};
 use crate::report::{Axis, Chart, Dot, DotPlot, Scale, Series};
 
 /// The same colour for an estimator everywhere: grey for `half` and its control.
 fn color(name: &str) -> usize {
-    const OTHERS: [usize; 4] = [3, 4, 5, 6];
     match name {
         "half" | CONTROL => 0,
         "progressive" => 1,
         "second-order" => 2,
+        "efficiency-aware" => 4,
+        "power" => 5,
+        "max" => 6,
         "oracle" => 7,
-        _ => {
-            let others = Estimator::all().into_iter().map(Estimator::name);
-            let fixed = ["half", "progressive", "second-order", "oracle"];
-            let at = others.filter(|n| !fixed.contains(&n.as_str())).position(|n| n == name);
-            OTHERS[at.unwrap_or(0) % OTHERS.len()]
-        }
+        _ => 3,
     }
 }
 

@@ -7,7 +7,7 @@ use crate::balance::page::pictures::{SHARE, SHARE_WORDS, developed, exposure};
 use crate::balance::page::toned;
 use crate::balance::{Design, Estimator, HALF, table};
 use crate::report::page::{chart_figure, map_figure, picture_figure, slider};
-use crate::report::{self, Chart, ColorScale, Dot, DotPlot, Page, Picture, Scale, Series, Table, number, plural};
+use crate::report::{self, Chart, ColorScale, Dot, DotPlot, Page, Picture, Scale, Series, Table, number};
 use crate::statistics::mean_of;
 
 /// Side of the blocks whose errors are compared.
@@ -18,12 +18,10 @@ const RATIO_WORDS: [&str; 3] = ["⅛", "1: as half", "8"];
 /// Writes `results.csv`, `results.json`, `report.html` and `charts/`.
 pub fn write(design: &Design, scenes: &[SceneResults]) -> Result<()> {
     table::write(design, &scenes.iter().flat_map(|s| s.rows.clone()).collect::<Vec<_>>())?;
-    let of_scene = |scene: &SceneResults| {
-        scene_charts(design, scene).map(|(name, chart)| (format!("{}-{name}", scene.name), chart.file()))
+    let charts = |scene: &SceneResults| {
+        scene_charts(design, scene).map(|(name, chart)| (format!("{}-{name}", scene.name), chart))
     };
-    let overview = ("overview".to_owned(), overview(design, scenes).file());
-    let charts = scenes.iter().flat_map(of_scene).chain([overview]).collect::<Vec<_>>();
-    report::write(&design.folder, page(design, scenes)?, charts)
+    report::write(&design.folder, page(design, scenes)?, Some(overview(design, scenes)), scenes.iter().flat_map(charts))
 }
 
 /// All but `half`.
@@ -38,13 +36,8 @@ fn color(design: &Design, estimator: Estimator) -> usize {
 
 fn page(design: &Design, scenes: &[SceneResults]) -> Result<String> {
     let lead = format!(
-        "Error against CPU seconds of every technique, including the cost of learning: {} scene{}, pictures of {}, {}, {} replicas \
-         of every picture. `docs/study-balance.md` says how this was measured, and what the columns mean.",
-        scenes.len(),
-        plural(scenes.len()),
-        design.pixels(),
-        design.light(),
-        design.replicas
+        "Error against CPU seconds of every technique, including the cost of learning: {}",
+        design.measured(scenes.len())
     );
     let mut page = Page::new("Error against time", &lead);
     page.section("Overview");

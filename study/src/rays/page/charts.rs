@@ -1,7 +1,7 @@
 //! Charts of a scene, and over all.
 
 use crate::rays::measure::CONTROL;
-use crate::rays::table::{BASELINE, Build, Picture, Results, SceneRows, distinct, scenes};
+use crate::rays::table::{BASELINE, Build, Picture, Results, Trace, distinct, scenes};
 use crate::report::{Chart, Dot, DotPlot, Scale, Series};
 
 /// Shown in charts, as many as there are colours, each with its own.
@@ -22,8 +22,8 @@ type Charts = Vec<(String, Chart)>;
 
 /// Build and render against paths a pixel, over the baseline's: times themselves are in the tables, and would lie on each
 /// other.
-pub(super) fn picture(scene: &SceneRows) -> Chart {
-    let rows = scene.pictures().collect::<Vec<_>>();
+pub(super) fn picture(results: &Results, scene: &str) -> Chart {
+    let rows = results.pictures.iter().filter(|p| p.scene == scene).collect::<Vec<_>>();
     let base = rows.iter().find(|r| r.backend == CONTROL);
     let seconds = |r: &Picture, spp: f64| r.build_cpu_seconds + spp * r.cpu_seconds_per_spp;
     let line = |r: &&Picture| {
@@ -46,12 +46,13 @@ pub(super) fn overview(results: &Results) -> Option<DotPlot> {
     let there = |name: &str| results.traces.iter().any(|t| t.backend == name);
     let mut kinds = vec![(CONTROL, 0)];
     kinds.extend(SHOWN.into_iter().skip(1).filter(|(name, _)| there(name)));
-    let dots = |scene: &SceneRows| {
+    let dots = |(scene, _): &(&str, u64)| {
         let of = |(kind, (name, _)): (usize, &(&str, usize))| {
-            let row = scene.traces().find(|t| t.stream == STREAM && t.backend == *name)?;
+            let own = |t: &&Trace| t.scene == *scene && t.stream == STREAM && t.backend == *name;
+            let row = results.traces.iter().find(own)?;
             Some(Dot { value: row.speed_ratio, error: row.speed_ratio_se, kind })
         };
-        (scene.name.to_owned(), kinds.iter().enumerate().filter_map(of).collect::<Vec<_>>())
+        ((*scene).to_owned(), kinds.iter().enumerate().filter_map(of).collect::<Vec<_>>())
     };
     let rows = scenes.iter().map(dots).collect::<Vec<_>>();
     if rows.is_empty() {

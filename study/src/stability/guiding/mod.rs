@@ -3,7 +3,6 @@
 //! The pre-pass covers 64 x 64 pixels; renders cover the 4 x 4 pixels in the middle. The pre-pass takes far longer than these
 //! pixels, so a hundred replicas share one. All replicas share an adversarial field.
 
-pub mod page;
 pub mod scenes;
 
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -15,65 +14,13 @@ use bismar::guiding::Field;
 use bismar::integrator::{PixelSums, PixelTask, PreparedScene, Transport, Wave};
 use bismar::render::{Choice, transport};
 use rayon::prelude::*;
-use serde::Serialize;
 
 use super::cases::BAR;
-use super::judge::{Control, FALSE_ALARM, Outcome, Verdict, z_limit};
+use super::judge::{Control, Outcome, Verdict};
 use super::renders::Renders;
 use super::scenes::{OTHER_SEEDS, PATHS};
+use super::{Results, of_renders};
 use scenes::{Case, WINDOW, field, settings};
-
-/// Result of an estimator in a mode.
-#[derive(Debug, Clone, Serialize)]
-pub struct Guided {
-    /// Comparison with `half` without guiding.
-    #[serde(flatten)]
-    pub outcome: Outcome,
-    /// Fraction of renders that were guided by a field.
-    #[serde(rename = "led")]
-    pub guided_fraction: f64,
-}
-
-/// A failure mode and the results of the estimators in it.
-#[derive(Debug, Clone, Serialize)]
-pub struct ModeResult {
-    /// F19 … F23.
-    pub mode: &'static str,
-    pub name: &'static str,
-    /// Description of the scene.
-    pub construct: &'static str,
-    /// Whether `on` uses an adversarial field.
-    #[serde(rename = "lies")]
-    pub adversarial: bool,
-    pub outcomes: [Guided; 2],
-}
-
-#[derive(Debug, Clone, Serialize)]
-pub struct Results {
-    pub replicas: u32,
-    /// Largest |z| allowed of one test.
-    pub z_limit: f64,
-    pub tests: usize,
-    /// Chance of a false alarm among all of them.
-    pub false_alarm: f64,
-    /// In the order of their numbers.
-    pub modes: Vec<ModeResult>,
-    pub controls: Vec<Control>,
-}
-
-impl Results {
-    /// Judges an estimator in a mode.
-    pub fn verdict(&self, outcome: &Guided) -> Verdict {
-        outcome.outcome.verdict(BAR, self.z_limit)
-    }
-
-    /// Estimators with a wrong mean or a value that is not finite, each with the mode.
-    pub fn wrong(&self) -> Vec<(&str, &ModeResult)> {
-        let all = self.modes.iter().flat_map(|m| m.outcomes.iter().map(move |o| (m, o)));
-        let wrong = all.filter(|(_, o)| self.verdict(o) == Verdict::Wrong);
-        wrong.map(|(m, o)| (o.outcome.estimator.as_str(), m)).collect()
-    }
-}
 
 /// Number of replicas that share a pre-pass.
 const REPLICAS_PER_PREPASS: u32 = 100;
@@ -159,34 +106,32 @@ pub fn measure(replicas: u32, stop: &AtomicBool, done: &mut dyn FnMut() -> Resul
         let by_choice = Renders { green: (0..auto.len()).map(chosen).collect(), shares: half.shares.clone() };
         let on = adversarial.as_ref().unwrap_or(&guided_renders);
         let guided_fraction = auto.iter().filter(|guided| **guided).count() as f64 / f64::from(replicas);
-        let guided = |name: &str, renders: &Renders, guided_fraction| {
-            let outcome = renders.outcome(name.into(), &half, &truth);
-            Guided { outcome, guided_fraction }
+        let guided = |name: &str, renders: &Renders, fraction| Outcome {
+            guided_fraction: Some(fraction),
+            ..renders.outcome(name.into(), &half, &truth)
         };
-        let outcomes = [guided("on", on, 1.0), guided("auto", &by_choice, guided_fraction)];
+        let outcomes = vec![guided("on", on, 1.0), guided("auto", &by_choice, guided_fraction)];
         let Case { mode, name, construct, .. } = case;
         if let (Some(field), CONTROL_MODE) = (&case.adversarial, mode) {
             let averaged = case.averaged(field, replicas, stop);
             done()?;
             let averaged = averaged.outcome("averaged control".into(), &half, &truth);
-            let noisy = Outcome { estimator: "adversarial control".into(), ..outcomes[0].outcome.clone() };
+            let noisy = Outcome { estimator: "adversarial control".into(), ..outcomes[0].clone() };
             let control = |name, check, outcome| Control { mode, name, check, outcome, caught: false };
             controls = vec![
                 control("guided and unguided, averaged by measured variances", "z-test of the mean", averaged),
                 control("guided by a field learned from a firefly", "worst pixel's variance", noisy),
             ];
         }
-        modes.push(ModeResult { mode, name, construct, adversarial: case.adversarial.is_some(), outcomes });
+        modes.push(of_renders([mode, name, construct], replicas, Some(case.adversarial.is_some()), outcomes));
     }
-    let tests = modes.iter().flat_map(|m| &m.outcomes).map(|o| o.outcome.tests).sum::<usize>();
     // The tests of the second control are among those of the modes.
-    let tests = tests + controls.first().map_or(0, |c| c.outcome.tests);
-    let z_limit = z_limit(tests);
+    let results = Results::new(replicas, modes, controls.first().map_or(0, |c: &Control| c.outcome.tests));
     for control in &mut controls {
-        let verdict = control.outcome.verdict(BAR, z_limit);
+        let verdict = control.outcome.verdict(BAR, results.z_limit);
         control.caught = verdict == if control.check.starts_with('z') { Verdict::Wrong } else { Verdict::Fails };
     }
-    Ok(Results { replicas, z_limit, tests, false_alarm: FALSE_ALARM, modes, controls })
+    Ok(Results { controls, ..results })
 }
 
 /// The mode whose adversarial field the controls use.

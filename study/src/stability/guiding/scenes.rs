@@ -47,17 +47,22 @@ fn both(material: Material) -> Material {
     Material { double_sided: true, ..material }
 }
 
+/// Four walls around the axis, at a distance of `side`, from height `low` up by `high`.
+fn fence(scene: &mut Scene, side: f32, [low, high]: [f32; 2], material: &Material) {
+    for (from, along) in [
+        ([-side, low, -side], [2.0 * side, 0.0, 0.0]),
+        ([-side, low, side], [2.0 * side, 0.0, 0.0]),
+        ([-side, low, -side], [0.0, 0.0, 2.0 * side]),
+        ([side, low, -side], [0.0, 0.0, 2.0 * side]),
+    ] {
+        plate(scene, from, along, [0.0, high, 0.0], both(material.clone()));
+    }
+}
+
 /// A floor and four walls.
 fn walls(scene: &mut Scene, material: &Material) {
     plate(scene, [-2.0, 0.0, 2.0], [4.0, 0.0, 0.0], [0.0, 0.0, -4.0], both(material.clone()));
-    for [from, along] in [
-        [[-2.0, 0.0, -2.0], [4.0, 0.0, 0.0]],
-        [[-2.0, 0.0, 2.0], [4.0, 0.0, 0.0]],
-        [[-2.0, 0.0, -2.0], [0.0, 0.0, 4.0]],
-        [[2.0, 0.0, -2.0], [0.0, 0.0, 4.0]],
-    ] {
-        plate(scene, from, along, [0.0, HEIGHT, 0.0], both(material.clone()));
-    }
+    fence(scene, 2.0, [0.0, HEIGHT], material);
 }
 
 fn room() -> Scene {
@@ -115,14 +120,7 @@ fn almost_black() -> Scene {
         plate(&mut scene, [-hole, HEIGHT, z], [2.0 * hole, 0.0, 0.0], [0.0, 0.0, 2.0 - hole], both(dark.clone()));
     }
     let (side, high) = (0.5, 0.4);
-    for [from, along] in [
-        [[-side, HEIGHT, -side], [2.0 * side, 0.0, 0.0]],
-        [[-side, HEIGHT, side], [2.0 * side, 0.0, 0.0]],
-        [[-side, HEIGHT, -side], [0.0, 0.0, 2.0 * side]],
-        [[side, HEIGHT, -side], [0.0, 0.0, 2.0 * side]],
-    ] {
-        plate(&mut scene, from, along, [0.0, high, 0.0], both(lambert(0.6)));
-    }
+    fence(&mut scene, side, [HEIGHT, high], &lambert(0.6));
     ceiling(&mut scene, [0.0, HEIGHT + high, 0.0], side, both(lambert(0.6)));
     plate(&mut scene, [0.2, HEIGHT + 0.02, 0.2], [0.2, 0.0, 0.0], [0.0, 0.0, -0.4], area_light(1e-3));
     look(&mut scene, [0.0, 1.5, 1.9], [0.0, 0.0, 0.0], 0.8);
@@ -168,42 +166,20 @@ pub fn cases() -> Result<[Case; CASES]> {
     let case = |mode, name, construct, scene, adversarial| {
         Ok(Case { mode, name, construct, scene: build(scene)?, adversarial })
     };
+    let half_lit =
+        "a small mirror reflects an area light onto the floor; half of the pixels are outside of the caustic";
+    let unseen = "two hidden area lights; the field was learned with the stronger one switched off";
+    let thin = "a wall without thickness between a bright and a dim half of a room";
+    let rare = "light of radiance 1/1000 through a small hole: one path in a thousand finds it";
+    let made_up = "two hidden area lights; one made-up training sample, a million times as bright as the others, draws seven of \
+                   eight samples on the floor to a wall";
+    let learned = learned_in(coves(4.0, 0.0))?;
     Ok([
-        case(
-            "F19",
-            "bright caustic",
-            "a small mirror reflects an area light onto the floor; half of the pixels are outside of the caustic",
-            caustic(),
-            None,
-        )?,
-        case(
-            "F20",
-            "a light that the pre-pass never saw",
-            "two hidden area lights; the field was learned with the stronger one switched off",
-            coves(4.0, 40.0),
-            learned_in(coves(4.0, 0.0))?,
-        )?,
-        case(
-            "F21",
-            "cells across a thin wall",
-            "a wall without thickness between a bright and a dim half of a room",
-            divided(),
-            None,
-        )?,
-        case(
-            "F22",
-            "almost black",
-            "light of radiance 1/1000 through a small hole: one path in a thousand finds it",
-            almost_black(),
-            None,
-        )?,
-        case(
-            "F23",
-            "one firefly",
-            "two hidden area lights; one made-up training sample, a million times as bright as the others, draws seven of eight samples on the floor to a wall",
-            coves(4.0, 40.0),
-            Some(firefly()),
-        )?,
+        case("F19", "bright caustic", half_lit, caustic(), None)?,
+        case("F20", "a light that the pre-pass never saw", unseen, coves(4.0, 40.0), learned)?,
+        case("F21", "cells across a thin wall", thin, divided(), None)?,
+        case("F22", "almost black", rare, almost_black(), None)?,
+        case("F23", "one firefly", made_up, coves(4.0, 40.0), Some(firefly()))?,
     ])
 }
 
