@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use bismar::integrator::scalar::EventKind;
 use bismar::rays::Backend;
-use bismar::render::{Balance, Fireflies, RenderSettings, Rendered, Technique, render, replay};
+use bismar::render::{Balance, Choice, Fireflies, RenderSettings, Rendered, Technique, render, replay};
 use bismar::scene::{Environment, Scene};
 use glam::Vec3;
 
@@ -89,24 +89,36 @@ fn the_brightest_firefly_is_the_path_that_replaying_shows() {
 #[test]
 fn replaying_takes_the_passes_that_tiles_took_for_themselves() {
     let stage = Stage::new(hall(), Backend::Obvhs);
-    for (noise, spp, adaptive) in [(Some(0.04), None, false), (None, Some(40), true)] {
-        let settings = RenderSettings {
-            width: 20,
-            height: 18,
-            noise,
-            spp,
-            balance: Balance::Half,
-            ..settings().with(Technique::Adaptive, adaptive.into())
-        };
+    let of =
+        |techniques: RenderSettings| RenderSettings { width: 20, height: 18, balance: Balance::Half, ..techniques };
+    let even = settings();
+    let sizes = Some("16:8".parse().unwrap());
+    for settings in [
+        RenderSettings { noise: Some(0.04), spp: None, ..even.clone() },
+        RenderSettings { spp: Some(40), ..even.clone().with(Technique::Adaptive, Choice::On) },
+        RenderSettings { reuse_sizes: sizes, ..even.with(Technique::PathReuse, Choice::On) },
+    ]
+    .map(of)
+    {
         let film = render(&stage.scene, &settings, &AtomicBool::new(false), &|_| ()).unwrap().film();
+        let mut lends = false;
         for [x, y] in [[0u32, 0], [7, 9], [13, 2], [17, 17]] {
             let stats = &film.pixels[(y * 20 + x) as usize];
-            let (mut paths, mut sum) = (0, Vec3::ZERO);
-            replay(&stage.scene, &settings, [x, y], None, &mut |path| (paths, sum) = (paths + 1, sum + path.radiance))
-                .unwrap();
+            let (mut paths, mut sum, mut borrowed) = (0, Vec3::ZERO, Vec::new());
+            replay(&stage.scene, &settings, [x, y], None, &mut |path| {
+                (paths, sum) = (paths + 1, sum + path.radiance);
+                borrowed.extend(path.borrowed);
+            })
+            .unwrap();
             assert_eq!(paths, stats.samples, "{x} {y}");
+            // Most of what a pixel borrows is from others, and none of it is more than what it has.
+            let lent: Vec3 = borrowed.iter().map(|loan| loan.radiance).sum();
+            let others = borrowed.iter().filter(|loan| loan.pixel != [x, y]).count();
+            assert!(lent.x <= sum.x * 1.001 && 2 * others >= borrowed.len(), "{x} {y}: {lent} of {sum}, {others}");
+            lends |= !borrowed.is_empty();
             let found = f64::from(sum.x);
             assert!((found - stats.sum[0]).abs() <= 1e-3 * stats.sum[0], "{x} {y}: {found} {}", stats.sum[0]);
         }
+        assert_eq!(lends, settings.reuse_sizes.is_some());
     }
 }

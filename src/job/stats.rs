@@ -11,7 +11,7 @@ use crate::film::atomic;
 use crate::film::exr_file::{Header, HeaderValue};
 use crate::rays::BackendInfo;
 use crate::render::checkpoint::{json, text};
-use crate::render::{Decisions, Fireflies, Found, RenderSettings, Rendered, Samples, StopReason};
+use crate::render::{Choice, Decisions, Fireflies, Found, RenderSettings, Rendered, Samples, StopReason, Technique};
 use crate::scene::Scene;
 use crate::{Error, Result};
 
@@ -251,11 +251,16 @@ impl Stats {
         let s = &self.samples;
         let spp = if s.pixel_min == s.pixel_max { s.pixel_min.to_string() } else { format!("{:.1}", s.pixel_mean) };
         let replay = |x, y, path| {
-            let RenderSettings { spp, noise, min_spp, seed, balance, techniques, .. } = &self.settings;
+            let RenderSettings { spp, noise, min_spp, seed, balance, techniques, reuse_sizes, .. } = &self.settings;
             let uses_prepasses = balance.method().uses_prepasses();
             let unusual = techniques.iter().filter(|(technique, choice)| **choice != technique.usual(uses_prepasses));
-            let unusual: String =
-                unusual.map(|(technique, choice)| format!("--{}={} ", technique.row().flag, choice.name())).collect();
+            let value = |technique, choice: &Choice| match reuse_sizes {
+                Some(sizes) if technique == Technique::PathReuse => sizes.to_string(),
+                _ => choice.name().to_string(),
+            };
+            let unusual: String = unusual
+                .map(|(technique, choice)| format!("--{}={} ", technique.row().flag, value(technique, choice)))
+                .collect();
             let spp = spp.or(Some(s.pixel_max).filter(|_| noise.is_none()));
             let flag =
                 |name: &str, value: Option<String>| value.map(|value| format!("--{name} {value} ")).unwrap_or_default();

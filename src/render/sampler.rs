@@ -82,13 +82,13 @@ impl Tile {
         self.pass_watched(transport, settings, (paths, deals), &mut |_| ())
     }
 
-    /// Traces a pass like [`pass`](Self::pass) and calls `watch` with the task of each pixel, wave by wave.
+    /// Traces a pass like [`pass`](Self::pass) and calls `watch` with the tasks of each wave before it is traced.
     pub fn pass_watched(
         &mut self,
         transport: &Transport,
         settings: &RenderSettings,
         (paths, deals): (u32, bool),
-        watch: &mut dyn FnMut(&PixelTask),
+        watch: &mut dyn FnMut(&[PixelTask]),
     ) -> TileWork {
         let start = Instant::now();
         let (done, before) = (self.paths(), self.all_paths());
@@ -110,19 +110,19 @@ pub struct TileSampler<'a> {
     tile: &'a mut Tile,
     transport: &'a Transport<'a>,
     buffers: &'a mut Buffers,
-    watch: &'a mut dyn FnMut(&PixelTask),
+    watch: &'a mut dyn FnMut(&[PixelTask]),
     goal: Option<NoiseGoal>,
     deals: bool,
 }
 
 impl<'a> TileSampler<'a> {
-    /// Begins a pass without a noise goal in which all pixels get as many paths. `watch` is called with the task of each
-    /// pixel, wave by wave.
+    /// Begins a pass without a noise goal in which all pixels get as many paths. `watch` is called with the tasks of each wave
+    /// before it is traced.
     pub fn new(
         tile: &'a mut Tile,
         transport: &'a Transport<'a>,
         buffers: &'a mut Buffers,
-        watch: &'a mut dyn FnMut(&PixelTask),
+        watch: &'a mut dyn FnMut(&[PixelTask]),
     ) -> Self {
         buffers.tracer.wave.counts = WaveCounts::default();
         Self { tile, transport, buffers, watch, goal: None, deals: false }
@@ -226,7 +226,7 @@ impl Tracer {
         transport: &Transport,
         (counts, weighed): (&[Counts], &[Counts]),
         mut observer: Option<&mut dyn Observer>,
-        watch: &mut dyn FnMut(&PixelTask),
+        watch: &mut dyn FnMut(&[PixelTask]),
     ) {
         let Self { wave, tasks, aovs, contributions, ground, indirect } = self;
         let shares = transport.proposal.reuse.is_some();
@@ -253,7 +253,7 @@ impl Tracer {
                 pixel.environment += counts.environment.unwrap_or(0);
                 pixel.bsdf += counts.bsdf;
             }
-            tasks.iter().for_each(&mut *watch);
+            watch(tasks);
             let pixels = PixelSums { stats: &mut tile.stats[start..end], peaks: &mut tile.peaks[start..end] };
             let sums = tile.aovs.get_mut(start..end).unwrap_or_default();
             let extras = tile.extras.get_mut(start..end).unwrap_or_default();

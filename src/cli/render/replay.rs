@@ -4,6 +4,7 @@ use super::values::PixelPath;
 use crate::console::{Verdict, print};
 use crate::job::{Inputs, Loaded, RenderRequest, settings};
 use crate::render::prepass::allocation::MAX_PATHS_OVER_MEAN;
+use crate::render::replay::Borrowed;
 use crate::render::{RenderSettings, Technique, replay};
 use crate::{Error, Result};
 
@@ -39,6 +40,12 @@ pub fn run(request: &RenderRequest, pixel_path: PixelPath) -> Result<Verdict> {
             return;
         }
         let mut text = format!("pixel {x},{y} path {}: {}", replayed.path, replayed.radiance);
+        if !replayed.borrowed.is_empty() {
+            text += "\n  of that, borrowed (path re-use):";
+        }
+        for Borrowed { pixel: [x, y], path, radiance } in &replayed.borrowed {
+            text += &format!("\n    {radiance} from pixel {x},{y} path {path}");
+        }
         for event in &replayed.events {
             text += &format!("\n  {event}");
         }

@@ -23,6 +23,7 @@ pub use data::task::PixelTask;
 pub use data::transport::Transport;
 pub use events::PathEvents;
 pub use guides::guides;
+pub use reuse::Loan;
 pub use surface::geometry::Geometry;
 pub use surface::materials::Materials;
 pub use wave::Wave;

@@ -1,6 +1,8 @@
 //! The wavefront loop: traces a batch of paths, stage by stage. Buffers are reused between waves, so that the steady state
 //! allocates nothing.
 
+use glam::Vec3;
+
 use super::data::context::WaveContext;
 use super::data::counts::{WaveCounts, timed};
 use super::data::path_states::PathStates;
@@ -9,7 +11,7 @@ use super::data::task::PixelTask;
 use super::data::transport::Transport;
 use super::data::vertices::Vertices;
 use super::events::{FoundEmission, PathEvents};
-use super::reuse::{Lending, PathLight};
+use super::reuse::{Lending, Loan, PathLight};
 use super::stages::requests::Requests;
 use super::stages::{camera_rays, emission, lights, media, mixture, scatter, sort, surfaces};
 use super::through::Through;
@@ -73,6 +75,17 @@ impl Wave {
         }
         light.end(&at, counts, non_finite);
         counts.add_not_finite(&at, non_finite);
+    }
+
+    /// Lists, in the next wave, what the path of this index borrows ([`watched`](Self::watched)).
+    pub fn watch(&mut self, path: u32) {
+        self.lending.watched = Some(path);
+    }
+
+    /// Radiance of the watched path in the last wave, linear RGB, and what of it the path has borrowed.
+    pub fn watched(&self) -> Option<(Vec3, &[Loan])> {
+        let path = self.lending.watched?;
+        Some((self.path_states.radiance[path as usize], &self.lending.loans))
     }
 }
 

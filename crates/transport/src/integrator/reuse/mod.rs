@@ -51,6 +51,19 @@ pub struct Lending {
     lender_of: Vec<u32>,
     lenders: Vec<Lender>,
     pairs: Pairs,
+    /// Index in the wave of the path whose loans are listed.
+    pub watched: Option<u32>,
+    /// What it borrows, lender by lender.
+    pub loans: Vec<Loan>,
+}
+
+/// Light that a path borrows from a second surface.
+#[derive(Debug, Clone, Copy)]
+pub struct Loan {
+    /// Index in the wave of the path that found the second surface.
+    pub path: u32,
+    /// Linear RGB, as it is added to the path that borrows.
+    pub radiance: Vec3,
 }
 
 /// Can the paths of a scene be lent? Not where the way to y depends on more than its ends: on time, on random numbers of blended
@@ -67,6 +80,7 @@ impl Lending {
         self.sample_of.clear();
         self.lender_of.clear();
         self.lenders.clear();
+        self.loans.clear();
         self.first_paths.clear();
         self.first_paths.extend(at.tasks.iter().scan(0, |next, task| {
             *next += task.counts.paths;
@@ -164,15 +178,34 @@ impl Lending {
         clients: &mut E,
     ) {
         let Some(reuse) = at.transport.proposal.reuse.filter(|_| self.active) else { return };
-        let Self { vertices, samples, groups, lenders, pairs, .. } = self;
+        let Self { vertices, samples, groups, lenders, pairs, loans, watched, .. } = self;
+        let a_b = |sample: &FirstSample| at.paths[sample.path as usize].samples_per_path[2];
         pairs.begin(at.transport, samples.len());
         for (members, traced) in groups.each(reuse) {
             let q = traced as f32 / members.len() as f32;
             let lenders_of = members[..traced].iter().map(|member| samples[*member as usize].lender);
             let is_lit = |lender: &u32| lenders.get(*lender as usize).is_some_and(Lender::is_lit);
-            pairs.push(members, lenders_of.filter(is_lit), q);
-            if pairs.is_full() {
+            let lit = lenders_of.filter(is_lit);
+            let is_watched = |member: &&u32| Some(samples[**member as usize].path) == *watched;
+            let Some(borrower) = members.iter().find(is_watched) else {
+                pairs.push(members, lit, q);
+                if pairs.is_full() {
+                    pairs.evaluate(at.transport, vertices, samples, lenders, counts);
+                }
+                continue;
+            };
+            // One lender after the other, which tells them apart.
+            let x = &samples[*borrower as usize];
+            for lender in lit.collect::<Vec<_>>() {
                 pairs.evaluate(at.transport, vertices, samples, lenders, counts);
+                let before = pairs.borrowed_by(*borrower);
+                pairs.push(members, [lender].into_iter(), q);
+                pairs.evaluate(at.transport, vertices, samples, lenders, counts);
+                let sum = pairs.borrowed_by(*borrower) - before;
+                let own = members.iter().map(|member| &samples[*member as usize]).find(|own| own.lender == lender);
+                loans.extend(
+                    own.map(|own| Loan { path: own.path, radiance: vertices[0].beta.get(x.x as usize) * sum / a_b(x) }),
+                );
             }
         }
         pairs.evaluate(at.transport, vertices, samples, lenders, counts);
@@ -181,10 +214,9 @@ impl Lending {
             if sums.iter().all(|sum| *sum == Vec3::ZERO) {
                 continue;
             }
-            let a_b = at.paths[sample.path as usize].samples_per_path[2];
             let mut by_group = [Vec3::ZERO; MAX_GROUPS];
             for (group, sum) in pairs.groups.iter().zip(sums) {
-                by_group[*group] = vertices[0].beta.get(sample.x as usize) * sum / a_b;
+                by_group[*group] = vertices[0].beta.get(sample.x as usize) * sum / a_b(sample);
             }
             let radiance = by_group.iter().sum::<Vec3>();
             if !radiance.is_finite() {

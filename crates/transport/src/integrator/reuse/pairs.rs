@@ -137,6 +137,11 @@ impl Pairs {
         }
     }
 
+    /// All that a sample borrows so far, for a throughput of one.
+    pub fn borrowed_by(&self, sample: u32) -> Vec3 {
+        self.borrowed[sample as usize * self.groups.len()..][..self.groups.len()].iter().sum()
+    }
+
     /// Is it time to evaluate them?
     pub fn is_full(&self) -> bool {
         self.rows >= FULL
