@@ -1,6 +1,5 @@
 //! Paths where the noise is: as many in all, less error, the same means.
 
-use std::fs;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -15,7 +14,7 @@ use bismar::render::{
 use bismar::scene::Scene;
 use glam::Vec3;
 
-use crate::helpers::program::{expect, scene};
+use crate::helpers::program::{Folder, expect, read_json, says};
 use crate::helpers::stage::{Stage, add, area_light, lambert, look, metal, rectangle, sphere};
 use crate::helpers::statistics::Mean;
 
@@ -185,21 +184,19 @@ fn few_paths_and_black_pictures_are_as_ever_and_time_stops_it_too() {
 
 #[test]
 fn the_command_says_what_it_did_and_what_does_not_go_together() {
-    let folder = tempfile::tempdir().unwrap();
-    fs::copy(scene("veach.glb"), folder.path().join("veach.glb")).unwrap();
+    let folder = Folder::new().with_scene("veach.glb", "veach.glb");
     let line = "render veach.glb --size 192x128 --adaptive -q";
-    expect(folder.path(), &format!("{line} --spp 32 --aov samples --stats a.json --checkpoint 9 -o a.exr"), 0);
-    let stats: serde_json::Value = serde_json::from_slice(&fs::read(folder.path().join("a.json")).unwrap()).unwrap();
+    expect(&folder, &format!("{line} --spp 32 --aov samples --stats a.json --checkpoint 9 -o a.exr"), 0);
+    let stats = read_json(&folder.join("a.json"));
     assert!(stats["adaptive"]["left"].as_f64().unwrap() < 0.97, "{stats}");
     assert_eq!(stats["settings"]["adaptive"], true);
     let of = |name: &str| stats["samples"][name].as_f64().unwrap();
     assert!(of("pixel_min") < 20.0 && of("pixel_max") > 40.0 && (of("pixel_mean") - 32.0).abs() < 1.0, "{stats}");
     // Going on to more paths is right, but not the bits of one go, and says so.
     let said =
-        expect(folder.path(), "render veach.glb --size 192x128 --adaptive --spp 64 --aov samples --resume -o a.exr", 0);
+        expect(&folder, "render veach.glb --size 192x128 --adaptive --spp 64 --aov samples --resume -o a.exr", 0);
     assert!(said.contains("not bit-identical"), "{said}");
-    let said = expect(folder.path(), &format!("{line} --noise 0.1 -o b.exr"), 64);
+    let said = expect(&folder, &format!("{line} --noise 0.1 -o b.exr"), 64);
     assert!(said.contains("--noise") && said.contains("--adaptive"), "{said}");
-    let said = expect(folder.path(), "render veach.glb --size 192x128 --spp 64 --aov samples --resume -o a.exr", 65);
-    assert!(said.contains("adaptive"), "{said}");
+    says(&folder, "render veach.glb --size 192x128 --spp 64 --aov samples --resume -o a.exr", 65, "adaptive");
 }

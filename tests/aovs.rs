@@ -12,7 +12,7 @@ use glam::{Vec3, Vec4};
 
 use crate::helpers::gltf_parts::{data_uri, floats};
 use crate::helpers::pictures::{python, run};
-use crate::helpers::program::{bits, expect, scene};
+use crate::helpers::program::{Folder, bits, expect, scene};
 use crate::helpers::stage::{Stage, area_light, lambert, look, metal, rectangle};
 use crate::import_content::{accessor, with};
 
@@ -150,17 +150,17 @@ fn a_denoisers_guides_are_what_a_mirror_shows() {
 
 #[test]
 fn mattes_are_read_by_the_specification_and_say_what_the_numbers_of_objects_say() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
     let line = format!("render {} --size 60x45 --spp 16 -q --aov all", scene("cornell.glb").display());
-    expect(folder.path(), &format!("{line} -o a.exr"), 0);
+    expect(&folder, &format!("{line} -o a.exr"), 0);
     for part in [1, 2] {
-        expect(folder.path(), &format!("{line} --part {part}/2 -o {part}.exr"), 0);
+        expect(&folder, &format!("{line} --part {part}/2 -o {part}.exr"), 0);
     }
-    expect(folder.path(), "merge 1.exr 2.exr -o merged.exr -q", 0);
-    assert!(bits(&folder.path().join("a.exr")) == bits(&folder.path().join("merged.exr")));
+    expect(&folder, "merge 1.exr 2.exr -o merged.exr -q", 0);
+    assert!(bits(&folder.join("a.exr")) == bits(&folder.join("merged.exr")));
     let Some(python) = python() else { return };
     for file in ["a.exr", "merged.exr"] {
-        let found = run(&python, "matte.py", folder.path(), &[file]);
+        let found = run(&python, "matte.py", &folder, &[file]);
         for kind in ["object", "material"] {
             let of = &found[kind];
             let number = |key: &str| of[key].as_f64().unwrap();
@@ -174,11 +174,11 @@ fn mattes_are_read_by_the_specification_and_say_what_the_numbers_of_objects_say(
 
 #[test]
 fn every_layer_of_a_picture_of_one_path_is_finite() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
     let line = format!("render {} --size 24x16 --spp 1 --aov all -q -o one.exr", scene("cornell.glb").display());
-    expect(folder.path(), &line, 0);
+    expect(&folder, &line, 0);
     let mut seen = 0;
-    for (name, values) in bits(&folder.path().join("one.exr")) {
+    for (name, values) in bits(&folder.join("one.exr")) {
         // Ids and hashes are no numbers.
         if name.starts_with("variance") || name.starts_with("lights") || name.len() == 1 {
             assert!(values.iter().all(|value| f32::from_bits(*value).is_finite()), "{name}");
@@ -191,8 +191,8 @@ fn every_layer_of_a_picture_of_one_path_is_finite() {
 #[test]
 fn the_balance_layer_holds_the_light_shares_of_the_next_pass() {
     let rendered = rendered(lit(), Balance::SecondOrder);
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.exr");
+    let folder = Folder::new();
+    let path = folder.join("a.exr");
     exr_file::write(&path, &rendered.pixels(), &[Aov::Balance], &exr_file::Header::new(), None).unwrap();
     let image = exr::prelude::read_first_flat_layer_from_file(&path).unwrap();
     let channel = image.layer_data.channel_data.list.iter().find(|c| c.name.to_string() == "balance.V").unwrap();
@@ -206,8 +206,7 @@ fn the_balance_layer_holds_the_light_shares_of_the_next_pass() {
 
 #[test]
 fn the_uv_layer_is_texcoord_0_whatever_the_material_samples() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
+    let path = &Folder::new();
     // TEXCOORD_0 is x and y, TEXCOORD_1 something else.
     let coordinates = floats(&[0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.5, 0.5, 0.25, 0.5, 0.5, 0.25]);
     let accessors = [36, 60].map(|offset| accessor(offset, 5126, 3, "VEC2", false)).concat();

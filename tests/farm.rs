@@ -14,7 +14,7 @@ use serde_json::Value;
 
 use crate::helpers::farm::{HOSTILE, kill, parent, status, succeeds, writer};
 use crate::helpers::glb;
-use crate::helpers::program::{assert_same_bits, bismar, expect, paths, signal, stderr};
+use crate::helpers::program::{Folder, assert_same_bits, bismar, expect, paths, read_json, signal, stderr};
 
 /// An `sbatch` that runs tasks at once, one after the other, as Slurm would: the script by bash, its arguments as they
 /// are, in the given folder.
@@ -44,27 +44,27 @@ const SQUEUE: &str = "#!/bin/sh\ncat $QUEUE\n";
 
 /// A folder with a scene, with programs that stand in for Slurm's.
 struct Site {
-    home: tempfile::TempDir,
+    home: Folder,
     folder: PathBuf,
 }
 
 impl Site {
     fn new(folder: &str) -> Self {
-        let home = tempfile::tempdir().unwrap();
-        let bin = home.path().join("bin");
+        let home = Folder::new();
+        let bin = home.join("bin");
         fs::create_dir(&bin).unwrap();
         for (name, script) in [("sbatch", SBATCH), ("scontrol", SCONTROL), ("squeue", SQUEUE)] {
             fs::write(bin.join(name), script).unwrap();
             fs::set_permissions(bin.join(name), fs::Permissions::from_mode(0o755)).unwrap();
         }
-        let folder = home.path().join(folder);
+        let folder = home.join(folder);
         fs::create_dir(&folder).unwrap();
         fs::write(folder.join("scene.glb"), glb::triangle()).unwrap();
         Self { home, folder }
     }
 
     fn file(&self, name: &str) -> PathBuf {
-        self.home.path().join(name)
+        self.home.join(name)
     }
 
     /// `bismar farm …` where these programs are Slurm's.
@@ -133,7 +133,7 @@ impl Site {
         let text = stderr(&said);
         self.assert_nothing_ran();
         assert_eq!(said.status.code(), Some(code), "{arguments:?}: {text}");
-        assert!(!self.home.path().join("calls").exists(), "{arguments:?} was submitted");
+        assert!(!self.home.join("calls").exists(), "{arguments:?} was submitted");
         // Nor does it reach a terminal as it is.
         assert!(text.trim_end().chars().all(|c| !c.is_control()), "{text:?}");
         text
@@ -142,7 +142,7 @@ impl Site {
     /// Names of hostile files are `touch X` in some shell's eyes.
     #[track_caller]
     fn assert_nothing_ran(&self) {
-        let folders = [self.home.path(), &self.folder].map(Path::to_owned);
+        let folders = [&*self.home, &self.folder].map(Path::to_owned);
         let below = fs::read_dir(&self.folder).unwrap().map(|entry| entry.unwrap().path());
         for folder in folders.into_iter().chain(below) {
             assert!(!folder.join("X").exists(), "a name was run in {}", folder.display());
@@ -246,7 +246,7 @@ fn a_task_is_an_entry_of_its_plan() {
         expect(&site.folder, line, code);
     }
     // Whatever a plan says, its tasks render and its merges merge.
-    let good: serde_json::Value = serde_json::from_slice(&fs::read(&plan).unwrap()).unwrap();
+    let good = read_json(&plan);
     for command in [vec![], vec!["touch"], vec!["touch", "X"], vec!["bismar", "farm", "task", "1"]]
         .into_iter()
         .chain(["--on-checkpoint=touch X", "--tev=localhost:1"].map(|flag| vec!["bismar", "render", "scene.glb", flag]))
@@ -530,9 +530,7 @@ fn frames_on_a_farm_are_those_of_one_machine() {
 
 #[test]
 fn a_task_is_begun_once_and_its_plan_stays_and_a_merge_that_waits_can_be_stopped() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
-    fs::write(path.join("s.glb"), glb::triangle()).unwrap();
+    let path = &Folder::new().with("s.glb", glb::triangle());
     let submit = |spp: u32| {
         format!("farm submit s.glb --parts 2 --format plan --folder farm -- --size 64x64 --noise 1e-9 --spp {spp}")
     };

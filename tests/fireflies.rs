@@ -9,7 +9,7 @@ use bismar::render::{Balance, Fireflies, RenderSettings, Rendered, Technique, re
 use bismar::scene::{Environment, Scene};
 use glam::Vec3;
 
-use crate::helpers::program::{bismar, expect, scene, stderr};
+use crate::helpers::program::{Folder, bismar, expect, read_json, scene, stderr};
 use crate::helpers::stage::{Stage, area_light, hall, lambert, look, rectangle};
 
 fn rendered(stage: &Stage, settings: &RenderSettings) -> Rendered {
@@ -64,17 +64,16 @@ fn light_beyond_all_numbers_is_left_out_counted_and_found_again() {
 
 #[test]
 fn the_brightest_firefly_is_the_path_that_replaying_shows() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
     let line = format!("render {} --size 60x40 --spp 16 --seed 3 -o a.exr", scene("veach.glb").display());
-    let said = expect(folder.path(), &format!("{line} --stats s.json"), 0);
-    let stats: serde_json::Value =
-        serde_json::from_slice(&std::fs::read(folder.path().join("s.json")).unwrap()).unwrap();
+    let said = expect(&folder, &format!("{line} --stats s.json"), 0);
+    let stats = read_json(&folder.join("s.json"));
     let brightest = &stats["fireflies"]["brightest"][0];
     let [x, y, path] = ["x", "y", "path"].map(|key| brightest[key].as_u64().unwrap());
     let replay = format!("--spp 16 --seed 3 --replay-pixel {x},{y},{path}");
     assert!(said.contains(&format!("the brightest by {replay}")), "{said}");
     let again = format!("render {} --size 60x40 {replay}", scene("veach.glb").display());
-    let output = bismar(folder.path()).args(again.split(' ')).output().unwrap();
+    let output = bismar(&folder).args(again.split(' ')).output().unwrap();
     assert!(output.status.success(), "{}", stderr(&output));
     let listed = String::from_utf8(output.stdout).unwrap();
     // `pixel 3,4 path 5: [r, g, b]`

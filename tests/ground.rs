@@ -1,7 +1,6 @@
 //! `--ground shadow`: alpha is what the scene takes from the light of the ground, against renders of a floor with and without
 //! the scene.
 
-use std::fs;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -12,7 +11,7 @@ use bismar::scene::{Environment, PunctualKind, PunctualLight, Scene};
 use glam::Vec3;
 
 use crate::closed_forms::settings;
-use crate::helpers::program::{assert_same_bits, bits, expect, scene};
+use crate::helpers::program::{Folder, assert_same_bits, bits, expect};
 use crate::helpers::stage::{Stage, area_light, closed_box, lambert, look, rectangle};
 use crate::helpers::statistics::{Mean, z_limit};
 use crate::thin_walls::{pane, punctual};
@@ -124,9 +123,7 @@ fn a_point_that_sees_the_lamp_has_no_alpha_and_one_that_does_not_is_black() {
 
 #[test]
 fn shadows_are_in_files_previews_parts_and_resumed_pictures() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
-    fs::copy(scene("cornell.glb"), path.join("c.glb")).unwrap();
+    let path = &Folder::new().with_scene("c.glb", "cornell.glb");
     let line = "render c.glb --orbit 40,30,2.5 --size 48x36 --sky --ground shadow -q";
     expect(path, &format!("{line} --spp 256 -o whole.exr --preview whole.png"), 0);
     let channels = bits(&path.join("whole.exr"));

@@ -13,7 +13,7 @@ use bismar::scene::{Environment, LightNode, Material, PunctualKind, PunctualLigh
 use glam::Vec3;
 
 use crate::helpers::gltf_parts::Parts;
-use crate::helpers::program::{assert_same_bits, bismar, expect, stderr};
+use crate::helpers::program::{Folder, assert_same_bits, bismar, expect, says, stderr};
 use crate::helpers::stage::{Stage, area_light, lambert, look, metal, rectangle};
 use crate::helpers::statistics::{Mean, z_limit};
 use crate::pictures::{denoiser, false_denoiser};
@@ -172,21 +172,21 @@ fn layer(path: &Path, name: &str) -> Vec<[f32; 3]> {
 
 #[test]
 fn groups_are_merged_and_resumed_and_mixed_after_the_render() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
+    let folder = Folder::new();
+    let at = |name: &str| folder.join(name);
     fs::write(at("a.gltf"), gltf()).unwrap();
     let line = "render a.gltf --size 24x16 --spp 256 -q --light-groups key=Sun*,fill,glow";
-    expect(folder.path(), &format!("{line} -o whole.exr"), 0);
+    expect(&folder, &format!("{line} -o whole.exr"), 0);
     for part in 1..=2 {
-        expect(folder.path(), &format!("{line} --part {part}/2 -o {part}.exr"), 0);
+        expect(&folder, &format!("{line} --part {part}/2 -o {part}.exr"), 0);
     }
-    expect(folder.path(), "merge 1.exr 2.exr -o merged.exr -q", 0);
+    expect(&folder, "merge 1.exr 2.exr -o merged.exr -q", 0);
     assert_same_bits(&at("whole.exr"), &at("merged.exr"));
-    expect(folder.path(), &format!("{line} --checkpoint 9 -o out.exr").replace("256", "128"), 0);
-    expect(folder.path(), &format!("{line} -o out.exr --resume"), 0);
+    expect(&folder, &format!("{line} --checkpoint 9 -o out.exr").replace("256", "128"), 0);
+    expect(&folder, &format!("{line} -o out.exr --resume"), 0);
     assert_same_bits(&at("whole.exr"), &at("out.exr"));
-    expect(folder.path(), "render a.gltf --size 24x16 --spp 256 -q -o plain.exr", 0);
-    expect(folder.path(), "check whole.exr", 0);
+    expect(&folder, "render a.gltf --size 24x16 --spp 256 -q -o plain.exr", 0);
+    expect(&folder, "check whole.exr", 0);
 
     let [beauty, key, fill, glow, rest] =
         ["", "light_key", "light_fill", "light_glow", "light_rest"].map(|name| match name {
@@ -203,8 +203,8 @@ fn groups_are_merged_and_resumed_and_mixed_after_the_render() {
     exr_file::write_rgb(&at("hand.exr"), [0, 0, 24, 16], [0, 0, 24, 16], &mixed).unwrap();
     let develop = "--view srgb --exposure 1 -q";
     let mix = "--mix key=1.5,fill=0,glow=1:0.5:0,rest=0";
-    expect(folder.path(), &format!("develop whole.exr {mix} {develop} -o a.png"), 0);
-    expect(folder.path(), &format!("develop hand.exr {develop} -o b.png"), 0);
+    expect(&folder, &format!("develop whole.exr {mix} {develop} -o a.png"), 0);
+    expect(&folder, &format!("develop hand.exr {develop} -o b.png"), 0);
     let [a, b] = ["a.png", "b.png"].map(|name| image::open(at(name)).unwrap().into_rgb8());
     assert!(a.pixels().any(|pixel| pixel.0[0] > 20) && a == b);
     for (line, code, words) in [
@@ -223,18 +223,15 @@ fn groups_are_merged_and_resumed_and_mixed_after_the_render() {
     ] {
         if line.contains("other.exr") {
             let other = "render a.gltf --size 24x16 --spp 256 -q --light-groups all=* --part 2/2 -o other.exr";
-            expect(folder.path(), other, 0);
+            expect(&folder, other, 0);
         }
-        let said = expect(folder.path(), line, code);
-        assert!(said.contains(words), "{line}: {said}");
+        says(&folder, line, code, words);
     }
 }
 
 #[test]
 fn denoised_layers_add_up_to_the_denoised_beauty() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
-    fs::write(path.join("a.gltf"), gltf()).unwrap();
+    let path = &Folder::new().with("a.gltf", gltf());
     let groups = "--light-groups key=Sun*,fill,glow";
     let render = |library: &Path, name: &str| {
         let line = format!("render a.gltf --size 48x32 --spp 16 -q {groups} --denoise oidn -o {name}");
