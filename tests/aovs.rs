@@ -1,19 +1,18 @@
 //! What the layers besides the beauty contain.
 
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 use bismar::film::{Aov, AovSums, ExtraSums, PixelStats, Pixels, exr_file};
 use bismar::rays::Backend;
-use bismar::render::{Balance, Choice, LightGroups, RenderSettings, Rendered, Technique, render};
+use bismar::render::{Balance, Choice, LightGroups, RenderSettings, Rendered, Technique};
 use bismar::scene::{Environment, Material, PunctualKind, PunctualLight, Scene};
 use exr::image::FlatSamples;
 use glam::{Vec3, Vec4};
 
 use crate::helpers::gltf_parts::{data_uri, floats};
 use crate::helpers::pictures::{python, run};
-use crate::helpers::program::{Folder, bits, expect, scene};
-use crate::helpers::stage::{Stage, area_light, lambert, look, metal, rectangle};
+use crate::helpers::program::{Folder, bits, channel, expect, scene};
+use crate::helpers::stage::{Stage, area_light, lambert, look, metal, punctual, rectangle};
 use crate::import_content::{accessor, with};
 
 fn rendered(scene: Scene, balance: Balance) -> Rendered {
@@ -32,7 +31,7 @@ fn rendered_by(scene: Scene, balance: Balance, adaptive: Choice) -> Rendered {
         balance,
         ..RenderSettings::even().with(Technique::Adaptive, adaptive)
     };
-    render(&stage.scene, &settings, &AtomicBool::new(false), &|_| ()).unwrap()
+    stage.render(&settings)
 }
 
 fn each(rendered: &Rendered, mut check: impl FnMut(PixelStats, AovSums, ExtraSums)) {
@@ -58,16 +57,8 @@ fn lit_by(radiance: f32) -> Scene {
     rectangle(&mut scene, 0.0, [-3.0, 3.0], [-3.0, 3.0], true, lambert(0.6));
     rectangle(&mut scene, 2.0, [-0.4, 0.4], [-0.9, -0.3], false, area_light(radiance));
     rectangle(&mut scene, 0.6, [-1.5, 1.5], [-2.0, -1.0], true, metal(0.3));
-    scene.lights.push(PunctualLight {
-        motion: Vec::new(),
-        name: "bulb".into(),
-        kind: PunctualKind::Point,
-        intensity: Vec3::new(0.5, 1.0, 2.0),
-        position: Vec3::new(1.0, 1.0, 0.5),
-        direction: Vec3::NEG_Y,
-        range: f32::INFINITY,
-        size: 0.0,
-    });
+    let bulb = punctual(PunctualKind::Point, 1.0, Vec3::new(1.0, 1.0, 0.5), Vec3::NEG_Y);
+    scene.lights.push(PunctualLight { intensity: Vec3::new(0.5, 1.0, 2.0), ..bulb });
     look(&mut scene, Vec3::new(0.0, 1.2, 4.0), Vec3::new(0.0, 0.8, 0.0), 0.8);
     scene
 }
@@ -232,13 +223,11 @@ fn the_uv_layer_is_texcoord_0_whatever_the_material_samples() {
         );
         std::fs::write(path.join("t.gltf"), parts.json()).unwrap();
         expect(path, "render t.gltf --sky --size 24x16 --spp 4 --aov uv,position -o t.exr -q", 0);
-        let channels = bits(&path.join("t.exr"));
-        let of = |name: &str| &channels.iter().find(|(other, _)| other == name).unwrap().1;
+        let of = |name: &str| channel(&path.join("t.exr"), name);
         for (uv, position) in [("uv.U", "position.X"), ("uv.V", "position.Y")] {
-            let float = |bits: &u32| f32::from_bits(*bits);
-            let largest = of(uv).iter().map(float).fold(0.0, f32::max);
+            let largest = of(uv).into_iter().fold(0.0, f32::max);
             assert!(largest > 0.5, "{slot} on set {set}: {uv} is at most {largest}");
-            for (uv, position) in of(uv).iter().map(float).zip(of(position).iter().map(float)) {
+            for (uv, position) in of(uv).into_iter().zip(of(position)) {
                 // Both are interpolated in 32-bit floats.
                 assert!((uv - position).abs() < 1e-5, "{slot} on set {set}: {uv} for {position}");
             }

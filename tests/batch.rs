@@ -12,7 +12,7 @@ use serde_json::Value;
 use crate::helpers::farm::{kill, workers};
 use crate::helpers::glb;
 use crate::helpers::program::{
-    Folder, Running, assert_same_bits, bismar, expect, names, read_json, says, scene, signal, stderr,
+    Folder, Running, assert_same_bits, bismar, expect, names, read_json, says, scene, signal, stdout,
 };
 
 fn report(folder: &Path) -> Value {
@@ -40,8 +40,7 @@ fn of_300_jobs_with_10_broken_ones_290_are_done_and_again_only_10_are_tried() {
     }
     fs::write(path.join("jobs.toml"), file).unwrap();
 
-    let output = bismar(path).args(["batch", "jobs.toml", "--jobs", "2", "--events", "events.jsonl"]).output().unwrap();
-    assert_eq!(output.status.code(), Some(73), "{}", stderr(&output));
+    let table = stdout(path, "batch jobs.toml --jobs 2 --events events.jsonl", 73);
     let first = report(path);
     assert_eq!((&first["done"], &first["failed"], &first["before"]), (&290.into(), &10.into(), &0.into()));
     let jobs = first["jobs"].as_array().unwrap();
@@ -56,7 +55,6 @@ fn of_300_jobs_with_10_broken_ones_290_are_done_and_again_only_10_are_tried() {
         assert!(stats["rays"]["total"].as_u64().unwrap() > 0 && job["seconds"].as_f64().unwrap() > 0.0);
     }
     assert_eq!(names(&path.join("out")).len(), 290);
-    let table = String::from_utf8(output.stdout).unwrap();
     assert_eq!(table.lines().count(), 301);
     let events = fs::read_to_string(path.join("events.jsonl")).unwrap();
     let ends = events.lines().map(|line| serde_json::from_str::<Value>(line).unwrap());
@@ -68,8 +66,7 @@ fn of_300_jobs_with_10_broken_ones_290_are_done_and_again_only_10_are_tried() {
     fs::write(path.join("absent.glb"), glb::triangle()).unwrap();
     let file = fs::read_to_string(path.join("jobs.toml")).unwrap();
     fs::write(path.join("jobs.toml"), file.replace("seed = [1, 2,", "seed = [1001, 2,")).unwrap();
-    let output = bismar(path).args(["batch", "jobs.toml", "-q"]).output().unwrap();
-    assert_eq!(output.status.code(), Some(73));
+    expect(path, "batch jobs.toml -q", 73);
     let second = report(path);
     // Gone: 1. Changed: 2 cameras of one seed. Repaired: 3 jobs.
     assert_eq!((&second["done"], &second["before"], &second["failed"]), (&6.into(), &287.into(), &7.into()));
@@ -136,10 +133,9 @@ fn a_dry_run_says_what_would_be_done_and_does_nothing() {
         .unwrap();
     expect(path, "render scene.glb --spp 1 --size 8x8 --camera b -o scene-b.exr -q", 0);
     let before = names(path);
-    let output = bismar(path).args(["batch", "jobs.toml", "--dry-run"]).output().unwrap();
-    let text = String::from_utf8(output.stdout).unwrap();
+    let text = stdout(path, "batch jobs.toml --dry-run", 0);
     assert!(text.contains("scene-a: render\n") && text.contains("scene-b: done before\n"), "{text}");
-    assert_eq!((names(path), output.status.code()), (before, Some(0)));
+    assert_eq!(names(path), before);
 }
 
 #[test]
@@ -176,8 +172,7 @@ fn a_dry_run_prints_commands_that_a_shell_takes() {
         format!("[[job]]\nscene = \"{odd}\"\nspp = 1\nsize = [8, 8]\naov = ['depth', 'normal']\n"),
     )
     .unwrap();
-    let output = bismar(path).args(["batch", "jobs.toml", "--dry-run"]).output().unwrap();
-    let text = String::from_utf8(output.stdout).unwrap();
+    let text = stdout(path, "batch jobs.toml --dry-run", 0);
     let command = text.lines().nth(1).unwrap().trim().strip_prefix("bismar").unwrap();
     let line = format!("'{}'{command} -q", crate::helpers::program::program().display());
     let status = std::process::Command::new("sh").args(["-c", &line]).current_dir(path).status().unwrap();
@@ -316,7 +311,5 @@ fn twenty_thousand_jobs_are_read() {
     let path = &Folder::new().with("scene.glb", glb::triangle());
     let job = |n: u32| format!("[[job]]\nname = 'job {n}'\nscene = 'scene.glb'\nseed = {n}\n");
     fs::write(path.join("jobs.toml"), (0..20_000).map(job).collect::<String>()).unwrap();
-    let output = bismar(path).args(["batch", "jobs.toml", "--dry-run"]).output().unwrap();
-    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
-    assert_eq!(String::from_utf8_lossy(&output.stdout).matches(": render\n").count(), 20_000);
+    assert_eq!(stdout(path, "batch jobs.toml --dry-run", 0).matches(": render\n").count(), 20_000);
 }

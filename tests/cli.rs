@@ -8,7 +8,7 @@ use serde_json::Value;
 
 use crate::helpers::glb;
 use crate::helpers::gltf_parts::Parts;
-use crate::helpers::program::{self, Folder, Running, bismar, expect, names, read_json, run, says, stderr};
+use crate::helpers::program::{self, Folder, Running, bismar, expect, names, read_json, run, says, stderr, stdout};
 
 /// A folder with a scene in it: one triangle, two cameras `a` and `b`, no light.
 fn folder() -> Folder {
@@ -76,18 +76,18 @@ fn help_and_version_exit_with_0() {
     for line in ["--help", "--version", "-V", "render --help", "help compare"] {
         expect(&folder, line, 0);
     }
-    let version = String::from_utf8(run(&folder, "--version").stdout).unwrap();
+    let version = stdout(&folder, "--version", 0);
     for words in ["bismar 0.", "\ncommit ", "\nEmbree 4.", "\ncompiled for "] {
         assert!(version.contains(words), "{version}");
     }
-    assert_eq!(run(&folder, "-V").stdout.iter().filter(|c| **c == b'\n').count(), 1);
+    assert_eq!(stdout(&folder, "-V", 0).lines().count(), 1);
 }
 
 #[test]
 fn shells_and_manuals_are_told_every_flag() {
     let folder = folder();
     for shell in ["bash", "zsh", "fish"] {
-        let script = String::from_utf8(run(&folder, &format!("completions {shell}")).stdout).unwrap();
+        let script = stdout(&folder, &format!("completions {shell}"), 0);
         assert!(script.contains("checkpoint") && script.contains("bismar"), "{shell}: {script}");
     }
     let said = expect(&folder, "man pages/man1", 0);
@@ -287,16 +287,12 @@ fn progress_off_a_terminal_is_lines_that_machines_read() {
     assert!(stderr(&output).lines().any(|l| l == "PROGRESS: 100%"), "{}", stderr(&output));
     assert!(output.stdout.is_empty());
 
-    let output = run(&folder, &format!("{line} --progress json"));
-    let lines = String::from_utf8(output.stdout).unwrap();
+    let lines = stdout(&folder, &format!("{line} --progress json"), 0);
     let lines = lines.lines().map(|l| json(l.as_bytes())).collect::<Vec<_>>();
     assert_eq!(lines.last().unwrap()["fraction"], 1.0);
 
-    let output = run(&folder, &format!("{line} --progress openjd"));
-    assert!(String::from_utf8(output.stdout).unwrap().ends_with("openjd_progress: 100\n"));
-
-    let output = run(&folder, &format!("{line} -q"));
-    assert!(!stderr(&output).contains("PROGRESS"), "{}", stderr(&output));
+    assert!(stdout(&folder, &format!("{line} --progress openjd"), 0).ends_with("openjd_progress: 100\n"));
+    assert!(!expect(&folder, &format!("{line} -q"), 0).contains("PROGRESS"));
 }
 
 #[test]
@@ -345,9 +341,7 @@ fn a_full_disk_or_a_file_beyond_the_largest_size_exits_with_74_and_leaves_the_ol
 fn a_picture_compared_with_itself_has_no_difference_and_z_0() {
     let folder = folder();
     expect(&folder, SMALL, 0);
-    let output = run(&folder, "compare scene.exr scene.exr --json --max-relmse 0 --max-z 0");
-    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
-    let report = json(&output.stdout);
+    let report = json(stdout(&folder, "compare scene.exr scene.exr --json --max-relmse 0 --max-z 0", 0).as_bytes());
     for number in ["rel_mse", "rmse", "mae"] {
         assert_eq!(report[number], 0.0, "{number}");
     }
@@ -385,8 +379,7 @@ fn pictures_that_cannot_be_compared_exit_with_65() {
 #[test]
 fn inspect_says_what_is_there_and_what_is_left_out() {
     let folder = folder();
-    let output = run(&folder, "inspect scene.glb");
-    let text = String::from_utf8(output.stdout).unwrap();
+    let text = stdout(&folder, "inspect scene.glb", 0);
     for words in ["triangles  1", "1  b  perspective  40.1 degrees high", "soft studio light is added"] {
         assert!(text.contains(words), "'{words}' is not in\n{text}");
     }

@@ -17,7 +17,7 @@ use bismar::scene::{Environment, Material, Scene, TextureSlot};
 use glam::Vec3;
 
 use crate::helpers::gltf_parts::{Parts, floats, scene_file};
-use crate::helpers::program::{Folder, assert_same_bits, bismar, bits, expect, says};
+use crate::helpers::program::{Folder, assert_same_bits, bits, expect, says, stdout};
 use crate::helpers::stage::{Stage, rectangle};
 
 /// Two triangles side by side, seen by a camera in front: the first of material 0, the second of material 1.
@@ -55,8 +55,7 @@ fn a_display_that_lights_nothing_does_not_switch_the_default_light_off() {
     assert!(!said("").contains("studio"));
     let inspected = |materials: &str| {
         write(&folder, &two(materials));
-        let output = bismar(&folder).args(["inspect", "a.gltf", "--json"]).output().unwrap();
-        serde_json::from_slice::<serde_json::Value>(&output.stdout).unwrap()
+        serde_json::from_str::<serde_json::Value>(&stdout(&folder, "inspect a.gltf --json", 0)).unwrap()
     };
     let found = inspected(DISPLAY);
     assert_eq!((&found["default_light"], &found["own_light"]["lit"]), (&true.into(), &0.into()));
@@ -254,7 +253,7 @@ fn lights_in_watts_are_told_by_the_picture() {
 #[test]
 fn a_preset_is_the_flags_that_its_help_says_and_given_flags_win() {
     let path = &Folder::new().with_scene("c.glb", "cornell.glb");
-    let help = String::from_utf8(bismar(path).args(["render", "--help"]).output().unwrap().stdout).unwrap();
+    let help = stdout(path, "render --help", 0);
     for (preset, flags, own, rest) in [
         (
             "thumbnail",

@@ -3,18 +3,17 @@
 use std::fs;
 use std::path::Path;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 use bismar::film::{Picture, Pixels, exr_file};
 use bismar::integrator::Reuse;
 use bismar::rays::Backend;
-use bismar::render::{Balance, Choice, LightGroups, RenderSettings, Technique, render};
+use bismar::render::{Balance, Choice, LightGroups, RenderSettings, Technique};
 use bismar::scene::{Environment, LightNode, Material, PunctualKind, PunctualLight, Scene};
 use glam::Vec3;
 
 use crate::helpers::gltf_parts::Parts;
 use crate::helpers::program::{Folder, assert_same_bits, bismar, expect, says, stderr};
-use crate::helpers::stage::{Stage, area_light, lambert, look, metal, rectangle};
+use crate::helpers::stage::{Stage, area_light, lambert, look, metal, punctual, rectangle};
 use crate::helpers::statistics::{Mean, z_limit};
 use crate::pictures::{denoiser, false_denoiser};
 
@@ -40,16 +39,8 @@ fn room(is_on: impl Fn(usize, usize) -> bool) -> Scene {
     for (own, name, x, size) in [(0, "Point", -0.5, 0.0), (0, "Ball", 0.3, 0.2), (3, "Other", 0.6, 0.1)] {
         if is_on(own, 2) {
             scene.light_nodes.push(LightNode { name: format!("Key {name}"), group: (own == 3).then(|| "none".into()) });
-            scene.lights.push(PunctualLight {
-                name: name.into(),
-                kind: PunctualKind::Point,
-                intensity: Vec3::splat(0.8),
-                position: Vec3::new(x, 1.5, 0.5),
-                direction: Vec3::NEG_Y,
-                range: f32::INFINITY,
-                size,
-                motion: Vec::new(),
-            });
+            let light = punctual(PunctualKind::Point, 0.8, Vec3::new(x, 1.5, 0.5), Vec3::NEG_Y);
+            scene.lights.push(PunctualLight { name: name.into(), size, ..light });
         }
     }
     if is_on(3, 2) {
@@ -95,7 +86,7 @@ fn layers_are_pictures_by_their_lights_and_add_up_to_the_beauty() {
             let mut means = vec![Mean::default(); alone.len()];
             for seed in 0..REPLICAS {
                 let of = RenderSettings { seed: 100 * number + seed, light_groups: Some(by.clone()), ..of.clone() };
-                let rendered = render(&stage.scene, &of, &AtomicBool::new(false), &|_| ()).unwrap();
+                let rendered = stage.render(&of);
                 let pixels = rendered.pixels();
                 let mut sums = vec![0.0; alone.len()];
                 for (x, y) in (0..16).flat_map(|y| (0..24).map(move |x| (x, y))) {
@@ -114,7 +105,7 @@ fn layers_are_pictures_by_their_lights_and_add_up_to_the_beauty() {
                 }
             }
             for (name, (ours, alone)) in by.names().iter().zip(means.iter().zip(alone)) {
-                let z = (ours.mean - alone.mean) / ours.standard_error().hypot(alone.standard_error());
+                let z = ours.z_to(&alone);
                 let [ours, alone] = [ours.mean, alone.mean];
                 assert!(alone > 0.01 && z.abs() < limit, "{number}, {name}: {ours} {alone}, z {z}");
             }

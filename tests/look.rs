@@ -6,7 +6,7 @@ use std::path::Path;
 use serde_json::{Value, json};
 
 use crate::helpers::glb;
-use crate::helpers::program::{Folder, bismar, expect, names, stderr};
+use crate::helpers::program::{Folder, expect, names, stdout};
 
 const SMALL: &str = "--size 48x48 --spp 4 -q";
 
@@ -16,9 +16,7 @@ fn folder() -> Folder {
 
 /// Runs `look` with a line of arguments and returns its JSON.
 fn look(folder: &Path, line: &str, code: i32) -> Value {
-    let output = bismar(folder).arg("look").args(line.split_whitespace()).output().unwrap();
-    assert_eq!(output.status.code(), Some(code), "{line}: {}", stderr(&output));
-    serde_json::from_slice(&output.stdout).unwrap()
+    serde_json::from_str(&stdout(folder, &format!("look {line}"), code)).unwrap()
 }
 
 /// A lamp-less cube-like scene: a square of two triangles with corners at these places.
@@ -51,8 +49,7 @@ fn one_command_says_what_is_in_a_file_and_what_its_views_show() {
     let report = look(path, &format!("c.glb {SMALL}"), 0);
     assert_eq!(names(path), ["c.glb", "c.look.png"]);
     let (scene, views) = (&report["scene"], report["views"].as_array().unwrap());
-    let inspected = bismar(path).args(["inspect", "--json", "c.glb"]).output().unwrap();
-    let inspected: Value = serde_json::from_slice(&inspected.stdout).unwrap();
+    let inspected: Value = serde_json::from_str(&stdout(path, "inspect --json c.glb", 0)).unwrap();
     assert_eq!(scene["triangles"], inspected["counts"]["instanced_triangles"]);
     assert_eq!(scene["materials"].as_array().unwrap().len(), inspected["materials"].as_array().unwrap().len());
     assert_eq!((&scene["emits"], &scene["studio_light"], &report["schema"]), (&json!(true), &json!(false), &json!(1)));

@@ -22,7 +22,9 @@ use crate::helpers::program::{Folder, assert_same_bits, bits, expect, says};
 use crate::helpers::random::Random;
 use crate::helpers::ray_scenes::{box_room, camera_rays};
 use crate::helpers::shared;
-use crate::helpers::stage::{Stage, add, area_light, lambert, look, moving_hall, rectangle, set_in_motion, sphere};
+use crate::helpers::stage::{
+    Stage, add, area_light, lambert, look, moving_hall, punctual, rectangle, set_in_motion, sphere,
+};
 use crate::helpers::statistics::{Mean, z_limit};
 
 const COLUMNS: u32 = 8;
@@ -168,10 +170,8 @@ fn a_light_that_moves_over_a_diffuse_plane_is_its_closed_form() {
         position: vec3(x as f32, height as f32, 0.0),
         direction: Vec3::NEG_Y,
     };
-    let LightKey { intensity: own, position, direction } = key(from);
-    let (name, kind, range) = (String::new(), PunctualKind::Point, f32::INFINITY);
-    let motion = vec![key(from), key(to)];
-    scene.lights.push(PunctualLight { name, kind, intensity: own, position, direction, range, size: 0.0, motion });
+    let light = punctual(PunctualKind::Point, intensity as f32, key(from).position, Vec3::NEG_Y);
+    scene.lights.push(PunctualLight { motion: vec![key(from), key(to)], ..light });
     let whole = |x: f64| intensity * x / (height * x.hypot(height));
     let expected = 0.5 / PI * (whole(to) - whole(from)) / (to - from);
     let stage = Stage::new(Arc::new(scene), Backend::Embree);

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use crate::helpers::gltf_parts::Parts;
 use crate::helpers::pictures::{python, run};
-use crate::helpers::program::{self, Folder, bismar, bits, expect, says};
+use crate::helpers::program::{self, Folder, bismar, bits, channel, expect, says, stdout};
 use crate::helpers::skipped::skipped;
 
 /// A folder with `cornell.glb`.
@@ -72,15 +72,12 @@ fn alpha_is_1_where_the_sky_is_shown_and_coverage_where_it_is_left_out() {
     expect(&folder, &format!("{line} -o sky.exr"), 0);
     expect(&folder, &format!("{line} -o open.exr --transparent --preview open.png"), 0);
     expect(&folder, "render cornell.glb --size 40x30 --spp 8 -q --no-env -o none.exr", 0);
-    let channel = |file: &str, name: &str| -> Vec<f32> {
-        let all = bits(&folder.join(file));
-        all.into_iter().find(|(n, _)| n == name).unwrap().1.into_iter().map(f32::from_bits).collect()
-    };
-    let (sky, open, none) = (channel("sky.exr", "A"), channel("open.exr", "A"), channel("none.exr", "A"));
+    let of = |file: &str, name: &str| channel(&folder.join(file), name);
+    let (sky, open, none) = (of("sky.exr", "A"), of("open.exr", "A"), of("none.exr", "A"));
     assert!(sky.iter().all(|a| *a == 1.0));
     assert!(open == none && open.contains(&0.0) && open.contains(&1.0), "{open:?}");
     // Where nothing is, nothing is shown; where everything is, it is lit all the same.
-    let (shown, left) = (channel("sky.exr", "G"), channel("open.exr", "G"));
+    let (shown, left) = (of("sky.exr", "G"), of("open.exr", "G"));
     for ((a, b), alpha) in shown.iter().zip(&left).zip(&open) {
         match alpha {
             0.0 => assert!(*b == 0.0 && *a > 0.0),
@@ -98,9 +95,7 @@ fn alpha_is_1_where_the_sky_is_shown_and_coverage_where_it_is_left_out() {
 fn where_nothing_is_depth_is_finite() {
     let folder = folder();
     expect(&folder, "render cornell.glb --size 40x30 --spp 2 -q --aov depth -o a.exr", 0);
-    let all = bits(&folder.join("a.exr"));
-    let depth = &all.iter().find(|(n, _)| n == "depth.Z").unwrap().1;
-    let depth: Vec<_> = depth.iter().map(|b| f32::from_bits(*b)).collect();
+    let depth = channel(&folder.join("a.exr"), "depth.Z");
     assert!(depth.contains(&1e10) && depth.iter().all(|d| *d > 0.0 && *d <= 1e10));
 }
 
@@ -182,9 +177,8 @@ fn a_scene_without_camera_fills_pictures_of_any_shape_and_is_not_cut_off() {
         let line = format!("render thicket.glb --size {width}x{height} --spp 4 --filter box --transparent -q -o a.exr");
         let said = expect(&folder, &line, 0);
         assert!(said.is_empty(), "{said}");
-        let all = bits(&folder.join("a.exr"));
-        let alpha = &all.iter().find(|(name, _)| name == "A").unwrap().1;
-        let there = (0..alpha.len()).filter(|i| f32::from_bits(alpha[*i]) > 0.0);
+        let alpha = channel(&folder.join("a.exr"), "A");
+        let there = (0..alpha.len()).filter(|i| alpha[*i] > 0.0);
         let (mut low, mut high) = ([width, height], [0, 0]);
         for i in there {
             let at = [i % width, i / width];
@@ -247,9 +241,7 @@ fn pictures_of_any_kind_are_compared_in_part_by_layer_and_by_folder() {
         expect(path, &format!("{line} {flags} -o {name}.exr"), 0);
     }
     let compared = |line: &str| -> serde_json::Value {
-        let output = bismar(path).args(["compare"]).args(line.split(' ')).arg("--json").output().unwrap();
-        assert_eq!(output.status.code(), Some(0), "{}", program::stderr(&output));
-        serde_json::from_slice(&output.stdout).unwrap()
+        serde_json::from_str(&stdout(path, &format!("compare {line} --json"), 0)).unwrap()
     };
     // A crop has the bits of the whole, on either side.
     for line in ["a/crop.exr a/1.exr", "a/1.exr a/crop.exr"] {
@@ -364,11 +356,7 @@ fn a_picture_is_there_whatever_its_denoiser_does() {
     let good = "for (size_t i = 0; i < 3 * w * h; i++) out[i] = 2 * in[i];";
     let output = command("good.so", good).output().unwrap();
     assert_eq!(output.status.code(), Some(0), "{}", program::stderr(&output));
-    let with = bits(&path.join("a.exr"));
-    let red = |name: &str| {
-        let (_, values) = with.iter().find(|(other, _)| other == name).unwrap();
-        values.iter().map(|bits| f32::from_bits(*bits)).collect::<Vec<_>>()
-    };
+    let red = |name: &str| channel(&path.join("a.exr"), name);
     assert!(holds_it() && red("R").iter().zip(red("denoised.R")).all(|(x, y)| 2.0 * x == y));
     assert!(path.join("a.png").exists());
     let written = fs::metadata(path.join("a.exr")).unwrap().modified().unwrap();

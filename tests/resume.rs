@@ -77,7 +77,7 @@ fn interruptions_anywhere_leave_no_trace() {
             part,
             ..RenderSettings::even().with(Technique::Adaptive, adaptive.into())
         };
-        let whole = render(&stage.scene, &settings, &AtomicBool::new(false), &|_| ()).unwrap();
+        let whole = stage.render(&settings);
         let (pieces, sessions) = in_pieces(&stage, &settings, 2);
         assert!(sessions > 1, "{sessions}");
         assert_eq!(all_bits(&whole), all_bits(&pieces), "{balance:?} {crop:?} {part:?}");
@@ -122,7 +122,7 @@ fn a_method_of_another_crate_is_rendered_with_guiding_and_interrupted_as_ours_ar
         RenderSettings { width: 50, height: 37, spp: Some(24), balance, aovs: true, ..guided }
     };
     let (mine, kl) = (of(Balance::Custom(CustomMethod(&Mine))), of(Balance::Kl));
-    let whole = render(&stage.scene, &kl, &AtomicBool::new(false), &|_| ()).unwrap();
+    let whole = stage.render(&kl);
     let (pieces, sessions) = in_pieces(&stage, &mine, 3);
     assert!(sessions > 1 && whole.stats.techniques[Technique::Guiding].unwrap().on);
     assert!(all_bits(&whole) == all_bits(&pieces));

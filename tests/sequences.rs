@@ -138,10 +138,6 @@ fn what_is_no_sequence_is_refused_before_anything_is_written() {
     let path = &folder();
     for (flags, words) in [
         ("--frames 1-1e9", "is not a frame"),
-        ("--frames 5-1", "ends before it begins"),
-        ("--frames 1-5x0", "a step is 1 or more"),
-        ("--frames 0-9999999", "more than 100000"),
-        ("--frames 1,2,1", "frame 1 twice"),
         ("--frames=-5", "is not a frame"),
         ("--frames 1-4 -o out.exr", "####"),
         ("--frames 1-4 -o a#/out.exr", "####"),

@@ -8,7 +8,7 @@ use bismar::film::exr_file::{HeaderValue, write_rgb};
 use serde_json::{Value, json};
 
 use crate::helpers::glb;
-use crate::helpers::program::{Folder, assert_same_bits, attribute, bits, expect, names, read_json, says};
+use crate::helpers::program::{Folder, assert_same_bits, attribute, channel, expect, names, read_json, says};
 
 const FLAGS: &str = "--size 32x20 --spp 4";
 
@@ -208,12 +208,7 @@ fn cameras_of_crops_are_those_of_the_cropped_pictures() {
     let [first, second] = ["cut", "cut2"].map(|name| read_json(&path.join(format!("{name}/transforms.json"))));
     assert_eq!(first["frames"][1]["cx"], second["frames"][1]["cx"]);
     // The same views, but for their noise and the places of their windows.
-    let depth = |name: &str| {
-        let layers = bits(&path.join(format!("{name}/1.exr")));
-        let (_, values) = layers.into_iter().find(|(layer, _)| layer.starts_with("depth")).unwrap();
-        values.into_iter().map(f32::from_bits).collect::<Vec<_>>()
-    };
-    let (again, cut) = (depth("cut2"), depth("cut"));
+    let [again, cut] = ["cut2", "cut"].map(|name| channel(&path.join(format!("{name}/1.exr")), "depth.Z"));
     let errors: Vec<_> = again.iter().zip(&cut).map(|(a, b)| if a == b { 0.0 } else { (a - b).abs() / b }).collect();
     // Edges of objects apart.
     let near = errors.iter().filter(|error| **error < 0.02).count();

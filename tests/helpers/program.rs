@@ -83,10 +83,21 @@ pub fn run(folder: &Path, line: &str) -> Output {
 /// Runs `bismar LINE`, expects an exit code, and returns stderr.
 #[track_caller]
 pub fn expect(folder: &Path, line: &str, code: i32) -> String {
+    both(folder, line, code).1
+}
+
+/// The same for stdout.
+#[track_caller]
+pub fn stdout(folder: &Path, line: &str, code: i32) -> String {
+    both(folder, line, code).0
+}
+
+#[track_caller]
+fn both(folder: &Path, line: &str, code: i32) -> (String, String) {
     let output = run(folder, line);
     let text = stderr(&output);
     assert_eq!(output.status.code(), Some(code), "bismar {line}\n{text}");
-    text
+    (String::from_utf8(output.stdout).unwrap(), text)
 }
 
 /// The same, and these words must be on stderr.
