@@ -1,6 +1,5 @@
 //! Paths where the noise is: as many in all, less error, the same means.
 
-use std::fs;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -9,13 +8,12 @@ use bismar::rays::Backend;
 use bismar::render::checkpoint::{fits, pack, unpack};
 use bismar::render::tile::Tile;
 use bismar::render::{
-    Balance, Choice, Part, RenderSettings, Rendered, RunOptions, Saved, StopReason, Technique, TechniqueStats, render,
-    run,
+    Balance, Choice, Part, RenderSettings, Rendered, RunOptions, Saved, StopReason, Technique, TechniqueStats, run,
 };
 use bismar::scene::Scene;
 use glam::Vec3;
 
-use crate::helpers::program::{expect, scene};
+use crate::helpers::program::{Folder, expect, read_json, says};
 use crate::helpers::stage::{Stage, add, area_light, lambert, look, metal, rectangle, sphere};
 use crate::helpers::statistics::Mean;
 
@@ -38,10 +36,6 @@ fn settings() -> RenderSettings {
         balance: Balance::Half,
         ..RenderSettings::even().with(Technique::Adaptive, Choice::On)
     }
-}
-
-fn rendered(stage: &Stage, settings: &RenderSettings) -> Rendered {
-    render(&stage.scene, settings, &AtomicBool::new(false), &|_| ()).unwrap()
 }
 
 /// Paths over those of as many everywhere.
@@ -127,12 +121,12 @@ fn compare(scene: Arc<Scene>, replicas: u32, remaining: f64, balance: Balance) -
     let pixel = |r: &Rendered| r.film().pixels.iter().map(|p| f64::from(p.mean()[1])).collect::<Vec<_>>();
     let adaptive = RenderSettings { balance, ..settings() };
     let even = adaptive.clone().with(Technique::Adaptive, Choice::Off);
-    let reference = pixel(&rendered(&stage, &RenderSettings { spp: Some(4096), seed: 1 << 20, ..even.clone() }));
+    let reference = pixel(&stage.render(&RenderSettings { spp: Some(4096), seed: 1 << 20, ..even.clone() }));
     let mut found = None;
     let (mut means, mut errors) = ([Mean::default(), Mean::default()], [Mean::default(), Mean::default()]);
     for (i, settings) in [even, adaptive].into_iter().enumerate() {
         for seed in 0..replicas {
-            let picture = rendered(&stage, &RenderSettings { seed: seed + 1000 * i as u32, ..settings.clone() });
+            let picture = stage.render(&RenderSettings { seed: seed + 1000 * i as u32, ..settings.clone() });
             assert!((0.93..=1.0).contains(&paths(&picture, 32)), "{}", picture.stats.paths);
             found = picture.stats.techniques[Technique::Adaptive].or(found);
             let pixels = pixel(&picture);
@@ -142,7 +136,7 @@ fn compare(scene: Arc<Scene>, replicas: u32, remaining: f64, balance: Balance) -
             errors[i].add(error * if i == 0 { remaining } else { 1.0 });
         }
     }
-    let apart = |[a, b]: &[Mean; 2]| (a.mean - b.mean) / a.standard_error().hypot(b.standard_error());
+    let apart = |[a, b]: &[Mean; 2]| a.z_to(b);
     // A false alarm in 10⁵.
     assert!(apart(&means).abs() < 4.5, "{} {}", means[0].mean, means[1].mean);
     // Less error, and surely: by chance once in 10⁵.
@@ -157,8 +151,8 @@ fn a_pilot_that_finds_all_tiles_alike_gives_all_as_many_and_the_bits_of_none() {
     rectangle(&mut scene, 9.0, [-50.0, 50.0], [-50.0, 50.0], false, area_light(1.0));
     look(&mut scene, Vec3::new(0.0, 3.0, 0.01), Vec3::ZERO, 0.8);
     let stage = Stage::new(Arc::new(scene), Backend::Obvhs);
-    let alike = rendered(&stage, &settings());
-    let even = rendered(&stage, &settings().with(Technique::Adaptive, Choice::Off));
+    let alike = stage.render(&settings());
+    let even = stage.render(&settings().with(Technique::Adaptive, Choice::Off));
     assert_eq!(alike.stats.techniques[Technique::Adaptive].unwrap().range, Some([1.0; 2]));
     assert_eq!(format!("{:?}", alike.film()), format!("{:?}", even.film()));
     assert!(even.stats.techniques[Technique::Adaptive].is_none());
@@ -167,17 +161,17 @@ fn a_pilot_that_finds_all_tiles_alike_gives_all_as_many_and_the_bits_of_none() {
 #[test]
 fn few_paths_and_black_pictures_are_as_ever_and_time_stops_it_too() {
     let stage = Stage::new(floors(), Backend::Obvhs);
-    let few = rendered(&stage, &RenderSettings { spp: Some(15), ..settings() });
+    let few = stage.render(&RenderSettings { spp: Some(15), ..settings() });
     assert!(few.stats.techniques[Technique::Adaptive].is_none() && few.paths_range() == (15, 15));
     let mut black = Scene::default();
     rectangle(&mut black, 0.0, [-1.0, 1.0], [-1.0, 1.0], true, lambert(0.5));
     look(&mut black, Vec3::new(0.0, 2.0, 1.0), Vec3::ZERO, 0.8);
-    let black = rendered(&Stage::new(Arc::new(black), Backend::Obvhs), &settings());
+    let black = Stage::new(Arc::new(black), Backend::Obvhs).render(&settings());
     assert_eq!((black.paths_range(), black.stop), ((32, 32), StopReason::Samples));
     // Against the clock, with a goal that comes first and with none.
-    let goal = rendered(&stage, &RenderSettings { time: Some(1e9), ..settings() });
+    let goal = stage.render(&RenderSettings { time: Some(1e9), ..settings() });
     assert!(goal.stop == StopReason::Samples && (0.93..=1.0).contains(&paths(&goal, 32)), "{}", goal.stats.paths);
-    let timed = rendered(&stage, &RenderSettings { time: Some(2.0), spp: None, ..settings() });
+    let timed = stage.render(&RenderSettings { time: Some(2.0), spp: None, ..settings() });
     assert_eq!(timed.stop, StopReason::Time);
     let (fewest, most) = timed.paths_range();
     assert!(fewest > 0 && (most < 32 || most > fewest), "{fewest} {most}");
@@ -185,21 +179,19 @@ fn few_paths_and_black_pictures_are_as_ever_and_time_stops_it_too() {
 
 #[test]
 fn the_command_says_what_it_did_and_what_does_not_go_together() {
-    let folder = tempfile::tempdir().unwrap();
-    fs::copy(scene("veach.glb"), folder.path().join("veach.glb")).unwrap();
+    let folder = Folder::new().with_scene("veach.glb", "veach.glb");
     let line = "render veach.glb --size 192x128 --adaptive -q";
-    expect(folder.path(), &format!("{line} --spp 32 --aov samples --stats a.json --checkpoint 9 -o a.exr"), 0);
-    let stats: serde_json::Value = serde_json::from_slice(&fs::read(folder.path().join("a.json")).unwrap()).unwrap();
+    expect(&folder, &format!("{line} --spp 32 --aov samples --stats a.json --checkpoint 9 -o a.exr"), 0);
+    let stats = read_json(&folder.join("a.json"));
     assert!(stats["adaptive"]["left"].as_f64().unwrap() < 0.97, "{stats}");
     assert_eq!(stats["settings"]["adaptive"], true);
     let of = |name: &str| stats["samples"][name].as_f64().unwrap();
     assert!(of("pixel_min") < 20.0 && of("pixel_max") > 40.0 && (of("pixel_mean") - 32.0).abs() < 1.0, "{stats}");
     // Going on to more paths is right, but not the bits of one go, and says so.
     let said =
-        expect(folder.path(), "render veach.glb --size 192x128 --adaptive --spp 64 --aov samples --resume -o a.exr", 0);
+        expect(&folder, "render veach.glb --size 192x128 --adaptive --spp 64 --aov samples --resume -o a.exr", 0);
     assert!(said.contains("not bit-identical"), "{said}");
-    let said = expect(folder.path(), &format!("{line} --noise 0.1 -o b.exr"), 64);
+    let said = expect(&folder, &format!("{line} --noise 0.1 -o b.exr"), 64);
     assert!(said.contains("--noise") && said.contains("--adaptive"), "{said}");
-    let said = expect(folder.path(), "render veach.glb --size 192x128 --spp 64 --aov samples --resume -o a.exr", 65);
-    assert!(said.contains("adaptive"), "{said}");
+    says(&folder, "render veach.glb --size 192x128 --spp 64 --aov samples --resume -o a.exr", 65, "adaptive");
 }

@@ -1,19 +1,18 @@
 //! What the layers besides the beauty contain.
 
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 use bismar::film::{Aov, AovSums, ExtraSums, PixelStats, Pixels, exr_file};
 use bismar::rays::Backend;
-use bismar::render::{Balance, Choice, LightGroups, RenderSettings, Rendered, Technique, render};
+use bismar::render::{Balance, Choice, LightGroups, RenderSettings, Rendered, Technique};
 use bismar::scene::{Environment, Material, PunctualKind, PunctualLight, Scene};
 use exr::image::FlatSamples;
 use glam::{Vec3, Vec4};
 
 use crate::helpers::gltf_parts::{data_uri, floats};
 use crate::helpers::pictures::{python, run};
-use crate::helpers::program::{bits, expect, scene};
-use crate::helpers::stage::{Stage, area_light, lambert, look, metal, rectangle};
+use crate::helpers::program::{Folder, bits, channel, expect, scene};
+use crate::helpers::stage::{Stage, area_light, lambert, look, metal, punctual, rectangle};
 use crate::import_content::{accessor, with};
 
 fn rendered(scene: Scene, balance: Balance) -> Rendered {
@@ -32,7 +31,7 @@ fn rendered_by(scene: Scene, balance: Balance, adaptive: Choice) -> Rendered {
         balance,
         ..RenderSettings::even().with(Technique::Adaptive, adaptive)
     };
-    render(&stage.scene, &settings, &AtomicBool::new(false), &|_| ()).unwrap()
+    stage.render(&settings)
 }
 
 fn each(rendered: &Rendered, mut check: impl FnMut(PixelStats, AovSums, ExtraSums)) {
@@ -58,16 +57,8 @@ fn lit_by(radiance: f32) -> Scene {
     rectangle(&mut scene, 0.0, [-3.0, 3.0], [-3.0, 3.0], true, lambert(0.6));
     rectangle(&mut scene, 2.0, [-0.4, 0.4], [-0.9, -0.3], false, area_light(radiance));
     rectangle(&mut scene, 0.6, [-1.5, 1.5], [-2.0, -1.0], true, metal(0.3));
-    scene.lights.push(PunctualLight {
-        motion: Vec::new(),
-        name: "bulb".into(),
-        kind: PunctualKind::Point,
-        intensity: Vec3::new(0.5, 1.0, 2.0),
-        position: Vec3::new(1.0, 1.0, 0.5),
-        direction: Vec3::NEG_Y,
-        range: f32::INFINITY,
-        size: 0.0,
-    });
+    let bulb = punctual(PunctualKind::Point, 1.0, Vec3::new(1.0, 1.0, 0.5), Vec3::NEG_Y);
+    scene.lights.push(PunctualLight { intensity: Vec3::new(0.5, 1.0, 2.0), ..bulb });
     look(&mut scene, Vec3::new(0.0, 1.2, 4.0), Vec3::new(0.0, 0.8, 0.0), 0.8);
     scene
 }
@@ -150,17 +141,17 @@ fn a_denoisers_guides_are_what_a_mirror_shows() {
 
 #[test]
 fn mattes_are_read_by_the_specification_and_say_what_the_numbers_of_objects_say() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
     let line = format!("render {} --size 60x45 --spp 16 -q --aov all", scene("cornell.glb").display());
-    expect(folder.path(), &format!("{line} -o a.exr"), 0);
+    expect(&folder, &format!("{line} -o a.exr"), 0);
     for part in [1, 2] {
-        expect(folder.path(), &format!("{line} --part {part}/2 -o {part}.exr"), 0);
+        expect(&folder, &format!("{line} --part {part}/2 -o {part}.exr"), 0);
     }
-    expect(folder.path(), "merge 1.exr 2.exr -o merged.exr -q", 0);
-    assert!(bits(&folder.path().join("a.exr")) == bits(&folder.path().join("merged.exr")));
+    expect(&folder, "merge 1.exr 2.exr -o merged.exr -q", 0);
+    assert!(bits(&folder.join("a.exr")) == bits(&folder.join("merged.exr")));
     let Some(python) = python() else { return };
     for file in ["a.exr", "merged.exr"] {
-        let found = run(&python, "matte.py", folder.path(), &[file]);
+        let found = run(&python, "matte.py", &folder, &[file]);
         for kind in ["object", "material"] {
             let of = &found[kind];
             let number = |key: &str| of[key].as_f64().unwrap();
@@ -174,11 +165,11 @@ fn mattes_are_read_by_the_specification_and_say_what_the_numbers_of_objects_say(
 
 #[test]
 fn every_layer_of_a_picture_of_one_path_is_finite() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
     let line = format!("render {} --size 24x16 --spp 1 --aov all -q -o one.exr", scene("cornell.glb").display());
-    expect(folder.path(), &line, 0);
+    expect(&folder, &line, 0);
     let mut seen = 0;
-    for (name, values) in bits(&folder.path().join("one.exr")) {
+    for (name, values) in bits(&folder.join("one.exr")) {
         // Ids and hashes are no numbers.
         if name.starts_with("variance") || name.starts_with("lights") || name.len() == 1 {
             assert!(values.iter().all(|value| f32::from_bits(*value).is_finite()), "{name}");
@@ -191,8 +182,8 @@ fn every_layer_of_a_picture_of_one_path_is_finite() {
 #[test]
 fn the_balance_layer_holds_the_light_shares_of_the_next_pass() {
     let rendered = rendered(lit(), Balance::SecondOrder);
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.exr");
+    let folder = Folder::new();
+    let path = folder.join("a.exr");
     exr_file::write(&path, &rendered.pixels(), &[Aov::Balance], &exr_file::Header::new(), None).unwrap();
     let image = exr::prelude::read_first_flat_layer_from_file(&path).unwrap();
     let channel = image.layer_data.channel_data.list.iter().find(|c| c.name.to_string() == "balance.V").unwrap();
@@ -206,8 +197,7 @@ fn the_balance_layer_holds_the_light_shares_of_the_next_pass() {
 
 #[test]
 fn the_uv_layer_is_texcoord_0_whatever_the_material_samples() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
+    let path = &Folder::new();
     // TEXCOORD_0 is x and y, TEXCOORD_1 something else.
     let coordinates = floats(&[0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.5, 0.5, 0.25, 0.5, 0.5, 0.25]);
     let accessors = [36, 60].map(|offset| accessor(offset, 5126, 3, "VEC2", false)).concat();
@@ -233,13 +223,11 @@ fn the_uv_layer_is_texcoord_0_whatever_the_material_samples() {
         );
         std::fs::write(path.join("t.gltf"), parts.json()).unwrap();
         expect(path, "render t.gltf --sky --size 24x16 --spp 4 --aov uv,position -o t.exr -q", 0);
-        let channels = bits(&path.join("t.exr"));
-        let of = |name: &str| &channels.iter().find(|(other, _)| other == name).unwrap().1;
+        let of = |name: &str| channel(&path.join("t.exr"), name);
         for (uv, position) in [("uv.U", "position.X"), ("uv.V", "position.Y")] {
-            let float = |bits: &u32| f32::from_bits(*bits);
-            let largest = of(uv).iter().map(float).fold(0.0, f32::max);
+            let largest = of(uv).into_iter().fold(0.0, f32::max);
             assert!(largest > 0.5, "{slot} on set {set}: {uv} is at most {largest}");
-            for (uv, position) in of(uv).iter().map(float).zip(of(position).iter().map(float)) {
+            for (uv, position) in of(uv).into_iter().zip(of(position)) {
                 // Both are interpolated in 32-bit floats.
                 assert!((uv - position).abs() < 1e-5, "{slot} on set {set}: {uv} for {position}");
             }

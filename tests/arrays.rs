@@ -1,9 +1,8 @@
 //! Arrays of schedulers that start many processes with one command: Slurm, AWS Batch, Kubernetes.
 
-use std::fs;
 use std::path::Path;
 
-use crate::helpers::program::{assert_same_bits, bismar, expect, names, scene, stderr};
+use crate::helpers::program::{Folder, assert_same_bits, bismar, expect, names, stderr};
 
 /// The variables that a scheduler gives to task `k` (from 1) of `n`.
 fn variables(scheduler: &str, k: u32, n: u32) -> Vec<(&'static str, String)> {
@@ -41,9 +40,7 @@ fn task(folder: &Path, scheduler: &str, (k, n): (u32, u32), line: &str) -> (i32,
 
 #[test]
 fn one_command_renders_every_part_and_they_merge_to_the_whole() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
-    fs::copy(scene("cornell.glb"), path.join("c.glb")).unwrap();
+    let path = &Folder::new().with_scene("c.glb", "cornell.glb");
     let line = "render c.glb --size 64x48 --spp 4 -q";
     expect(path, &format!("{line} -o whole.exr"), 0);
     for (scheduler, flag) in [("slurm", "auto"), ("aws", "auto"), ("kubernetes", "auto/3")] {
@@ -75,9 +72,7 @@ fn one_command_renders_every_part_and_they_merge_to_the_whole() {
 
 #[test]
 fn a_plan_without_a_scheduler_is_rendered_and_merged_by_arrays() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
-    fs::copy(scene("cornell.glb"), path.join("c.glb")).unwrap();
+    let path = &Folder::new().with_scene("c.glb", "cornell.glb");
     let flags = "--size 64x48 --spp 4";
     expect(path, &format!("render c.glb {flags} -o whole.exr -q"), 0);
     let said = expect(path, &format!("farm submit c.glb --parts 2 --format plan -- {flags} -o out.exr"), 0);

@@ -2,7 +2,6 @@
 
 use std::fmt::Write;
 use std::fs;
-use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Child, Stdio};
 use std::thread;
@@ -12,18 +11,17 @@ use serde_json::Value;
 
 use crate::helpers::farm::{kill, workers};
 use crate::helpers::glb;
-use crate::helpers::program::{assert_same_bits, bismar, expect, names, scene, signal, stderr};
+use crate::helpers::program::{
+    Folder, Running, assert_same_bits, bismar, expect, names, read_json, says, scene, signal, stdout,
+};
 
 fn report(folder: &Path) -> Value {
-    serde_json::from_slice(&fs::read(folder.join("jobs-report.json")).unwrap()).unwrap()
+    read_json(&folder.join("jobs-report.json"))
 }
 
 #[test]
 fn of_300_jobs_with_10_broken_ones_290_are_done_and_again_only_10_are_tried() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
-    fs::write(path.join("scene.glb"), glb::triangle()).unwrap();
-    fs::write(path.join("broken.glb"), b"glTF but not really").unwrap();
+    let path = &Folder::new().with("scene.glb", glb::triangle()).with("broken.glb", b"glTF but not really");
     let seeds: Vec<_> = (1..=145).map(|n| n.to_string()).collect();
     let mut file = format!(
         "[defaults]\nsize = '12x9'\nspp = 2\noutput = 'out/{{name}}.exr'\n\n[[matrix]]\nscene = ['scene.glb']\n\
@@ -42,8 +40,7 @@ fn of_300_jobs_with_10_broken_ones_290_are_done_and_again_only_10_are_tried() {
     }
     fs::write(path.join("jobs.toml"), file).unwrap();
 
-    let output = bismar(path).args(["batch", "jobs.toml", "--jobs", "2", "--events", "events.jsonl"]).output().unwrap();
-    assert_eq!(output.status.code(), Some(73), "{}", stderr(&output));
+    let table = stdout(path, "batch jobs.toml --jobs 2 --events events.jsonl", 73);
     let first = report(path);
     assert_eq!((&first["done"], &first["failed"], &first["before"]), (&290.into(), &10.into(), &0.into()));
     let jobs = first["jobs"].as_array().unwrap();
@@ -58,7 +55,6 @@ fn of_300_jobs_with_10_broken_ones_290_are_done_and_again_only_10_are_tried() {
         assert!(stats["rays"]["total"].as_u64().unwrap() > 0 && job["seconds"].as_f64().unwrap() > 0.0);
     }
     assert_eq!(names(&path.join("out")).len(), 290);
-    let table = String::from_utf8(output.stdout).unwrap();
     assert_eq!(table.lines().count(), 301);
     let events = fs::read_to_string(path.join("events.jsonl")).unwrap();
     let ends = events.lines().map(|line| serde_json::from_str::<Value>(line).unwrap());
@@ -70,8 +66,7 @@ fn of_300_jobs_with_10_broken_ones_290_are_done_and_again_only_10_are_tried() {
     fs::write(path.join("absent.glb"), glb::triangle()).unwrap();
     let file = fs::read_to_string(path.join("jobs.toml")).unwrap();
     fs::write(path.join("jobs.toml"), file.replace("seed = [1, 2,", "seed = [1001, 2,")).unwrap();
-    let output = bismar(path).args(["batch", "jobs.toml", "-q"]).output().unwrap();
-    assert_eq!(output.status.code(), Some(73));
+    expect(path, "batch jobs.toml -q", 73);
     let second = report(path);
     // Gone: 1. Changed: 2 cameras of one seed. Repaired: 3 jobs.
     assert_eq!((&second["done"], &second["before"], &second["failed"]), (&6.into(), &287.into(), &7.into()));
@@ -80,9 +75,7 @@ fn of_300_jobs_with_10_broken_ones_290_are_done_and_again_only_10_are_tried() {
 
 #[test]
 fn a_job_whose_settings_or_scene_have_changed_is_rendered_anew() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
-    fs::copy(scene("cornell.glb"), path.join("scene.glb")).unwrap();
+    let path = &Folder::new().with_scene("scene.glb", "cornell.glb");
     let write = |spp: u32, seed: u32| {
         let text = format!("[[job]]\nscene = 'scene.glb'\nsize = '24x18'\nspp = {spp}\nseed = {seed}\n");
         fs::write(path.join("jobs.toml"), text).unwrap();
@@ -105,23 +98,15 @@ fn a_job_whose_settings_or_scene_have_changed_is_rendered_anew() {
 
 #[test]
 fn an_interrupted_batch_goes_on_to_the_same_pictures() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
-    fs::copy(scene("cornell.glb"), path.join("scene.glb")).unwrap();
+    let path = &Folder::new().with_scene("scene.glb", "cornell.glb");
     fs::write(
         path.join("jobs.toml"),
         "[[matrix]]\nscene = 'scene.glb'\nsize = '64x48'\nspp = 256\nseed = [1, 2, 3]\ncheckpoint = 0.1\n",
     )
     .unwrap();
-    let mut child =
-        bismar(path).args(["batch", "jobs.toml"]).stderr(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
-    let mut lines = BufReader::new(child.stderr.take().unwrap());
-    let mut said = String::new();
-    while !said.contains("scene-1: 256 spp") {
-        assert_ne!(lines.read_line(&mut said).unwrap(), 0, "it ended by itself:\n{said}");
-    }
-    signal(&child, "-TERM");
-    assert_eq!(child.wait().unwrap().code(), Some(75));
+    let mut batch = Running::start(path, "batch jobs.toml");
+    batch.until("scene-1: 256 spp");
+    assert_eq!(batch.end("-TERM").0, Some(75));
     let first = report(path);
     assert_eq!((&first["done"], &first["failed"]), (&1.into(), &0.into()), "{first}");
     for error in first["jobs"].as_array().unwrap().iter().filter_map(|job| job["error"].as_str()) {
@@ -143,39 +128,32 @@ fn an_interrupted_batch_goes_on_to_the_same_pictures() {
 
 #[test]
 fn a_dry_run_says_what_would_be_done_and_does_nothing() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
-    fs::write(path.join("scene.glb"), glb::triangle()).unwrap();
+    let path = &Folder::new().with("scene.glb", glb::triangle());
     fs::write(path.join("jobs.toml"), "[[matrix]]\nscene = 'scene.glb'\nspp = 1\nsize = '8x8'\ncamera = ['a', 'b']\n")
         .unwrap();
     expect(path, "render scene.glb --spp 1 --size 8x8 --camera b -o scene-b.exr -q", 0);
     let before = names(path);
-    let output = bismar(path).args(["batch", "jobs.toml", "--dry-run"]).output().unwrap();
-    let text = String::from_utf8(output.stdout).unwrap();
+    let text = stdout(path, "batch jobs.toml --dry-run", 0);
     assert!(text.contains("scene-a: render\n") && text.contains("scene-b: done before\n"), "{text}");
-    assert_eq!((names(path), output.status.code()), (before, Some(0)));
+    assert_eq!(names(path), before);
 }
 
 #[test]
 fn only_some_jobs_are_done_and_the_report_keeps_the_others() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
+    let path = &Folder::new();
     for name in ["one", "two"] {
         fs::write(path.join(format!("{name}.glb")), glb::triangle()).unwrap();
     }
     fs::write(path.join("jobs.toml"), "[[matrix]]\nscene = '*.glb'\nspp = 1\nsize = [[8, 8]]\ncamera = ['a', 'b']\n")
         .unwrap();
-    let said = expect(path, "batch jobs.toml --only three-*", 64);
-    assert!(said.contains("no job's name matches; the jobs are one-8x8-a, one-8x8-b"), "{said}");
+    says(path, "batch jobs.toml --only three-*", 64, "no job's name matches; the jobs are one-8x8-a, one-8x8-b");
     let counts = |report: &Value| [&report["done"], &report["before"]].map(|n| n.as_u64().unwrap());
     expect(path, "batch jobs.toml -q --only *-b", 0);
     assert_eq!(counts(&report(path)), [2, 0]);
-    let said = expect(path, "batch jobs.toml --only one-* --only two-*-b", 0);
-    assert!(said.contains("3 jobs: 1 done, 2 done before"), "{said}");
+    says(path, "batch jobs.toml --only one-* --only two-*-b", 0, "3 jobs: 1 done, 2 done before");
     let all = report(path);
     assert_eq!(counts(&all), [1, 2]);
-    let said = expect(path, "batch jobs.toml --only two-*-a", 0);
-    assert!(said.contains("1 jobs: 1 done"), "{said}");
+    says(path, "batch jobs.toml --only two-*-a", 0, "1 jobs: 1 done");
     let names: Vec<_> = report(path)["jobs"].as_array().unwrap().iter().map(|j| j["job"].clone()).collect();
     assert_eq!(names, ["one-8x8-a", "one-8x8-b", "two-8x8-a", "two-8x8-b"]);
     // A picture that somebody else has made anew has other numbers.
@@ -186,8 +164,7 @@ fn only_some_jobs_are_done_and_the_report_keeps_the_others() {
 
 #[test]
 fn a_dry_run_prints_commands_that_a_shell_takes() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
+    let path = &Folder::new();
     let odd = "a 'b' $(c).glb";
     fs::write(path.join(odd), glb::triangle()).unwrap();
     fs::write(
@@ -195,8 +172,7 @@ fn a_dry_run_prints_commands_that_a_shell_takes() {
         format!("[[job]]\nscene = \"{odd}\"\nspp = 1\nsize = [8, 8]\naov = ['depth', 'normal']\n"),
     )
     .unwrap();
-    let output = bismar(path).args(["batch", "jobs.toml", "--dry-run"]).output().unwrap();
-    let text = String::from_utf8(output.stdout).unwrap();
+    let text = stdout(path, "batch jobs.toml --dry-run", 0);
     let command = text.lines().nth(1).unwrap().trim().strip_prefix("bismar").unwrap();
     let line = format!("'{}'{command} -q", crate::helpers::program::program().display());
     let status = std::process::Command::new("sh").args(["-c", &line]).current_dir(path).status().unwrap();
@@ -206,8 +182,7 @@ fn a_dry_run_prints_commands_that_a_shell_takes() {
 
 #[test]
 fn mistakes_in_the_file_exit_with_78_and_their_place() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
+    let path = &Folder::new();
     for (text, words) in [
         ("[[job]]\nscene = 'a.glb'\nspp = 'many'\n", "jobs.toml:3:1: job 'a': invalid value 'many' for '--spp"),
         ("[[job]]\nscene = 'a.glb'\nspq = 3\n", "jobs.toml:3:1: there is no key `spq`"),
@@ -218,8 +193,7 @@ fn mistakes_in_the_file_exit_with_78_and_their_place() {
         ("[[job]]\nscene = 'a.glb'\nsize = '3'\n", "WIDTHxHEIGHT"),
     ] {
         fs::write(path.join("jobs.toml"), text).unwrap();
-        let said = expect(path, "batch jobs.toml", 78);
-        assert!(said.contains(words), "{text}: {said}");
+        says(path, "batch jobs.toml", 78, words);
     }
     expect(path, "batch absent.toml", 66);
     assert_eq!(names(path), ["jobs.toml"]);
@@ -252,8 +226,7 @@ fn worker_of_endless(folder: &Path, batch: &mut Child, begun: usize) -> u32 {
 #[test]
 fn a_job_that_takes_its_process_along_takes_no_other_job() {
     for (flags, begun) in [("--jobs 2", 2), ("--isolate", 1)] {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path();
+        let path = &Folder::new();
         with_an_endless_job(path);
         let line = format!("batch jobs.toml -q --events events.jsonl {flags}");
         let mut batch = bismar(path).args(line.split(' ')).stdout(Stdio::null()).spawn().unwrap();
@@ -276,8 +249,7 @@ fn a_job_that_takes_its_process_along_takes_no_other_job() {
 
 #[test]
 fn a_killed_batch_takes_its_processes_along_and_the_next_one_accounts_for_all() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
+    let path = &Folder::new();
     with_an_endless_job(path);
     let mut batch = bismar(path).args(["batch", "jobs.toml", "-q", "--events", "events.jsonl"]).spawn().unwrap();
     let worker = worker_of_endless(path, &mut batch, 1);
@@ -297,8 +269,7 @@ fn a_killed_batch_takes_its_processes_along_and_the_next_one_accounts_for_all() 
 /// A job that needs more than the limit fails with 76 before it begins, and the process that renders the others is held to it.
 #[test]
 fn jobs_are_refused_and_held_by_the_memory_limit() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
+    let path = &Folder::new();
     with_an_endless_job(path);
     let file = fs::read_to_string(path.join("jobs.toml")).unwrap();
     let file = file.replace("spp = 1_000_000_000", "spp = 1_000_000_000\ncheckpoint = 0.05");
@@ -317,8 +288,7 @@ fn jobs_are_refused_and_held_by_the_memory_limit() {
     // Frames are jobs, too.
     fs::write(path.join("moving.glb"), glb::moving()).unwrap();
     let line = "render moving.glb --frames 1-2 --fps 10 --size 8000x8000 --spp 1 -q -o a.##.exr --memory-limit 300M";
-    let said = expect(path, line, 76);
-    assert!(said.contains("--memory-limit allows 300"), "{said}");
+    says(path, line, 76, "--memory-limit allows 300");
     let mut batch = only("endless").spawn().unwrap();
     let worker = worker_of_endless(path, &mut batch, 1);
     // Once something is saved, it renders.
@@ -338,12 +308,8 @@ fn jobs_are_refused_and_held_by_the_memory_limit() {
 /// As many as a file may reasonably hold, each a table of its own.
 #[test]
 fn twenty_thousand_jobs_are_read() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
-    fs::write(path.join("scene.glb"), glb::triangle()).unwrap();
+    let path = &Folder::new().with("scene.glb", glb::triangle());
     let job = |n: u32| format!("[[job]]\nname = 'job {n}'\nscene = 'scene.glb'\nseed = {n}\n");
     fs::write(path.join("jobs.toml"), (0..20_000).map(job).collect::<String>()).unwrap();
-    let output = bismar(path).args(["batch", "jobs.toml", "--dry-run"]).output().unwrap();
-    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
-    assert_eq!(String::from_utf8_lossy(&output.stdout).matches(": render\n").count(), 20_000);
+    assert_eq!(stdout(path, "batch jobs.toml --dry-run", 0).matches(": render\n").count(), 20_000);
 }

@@ -14,11 +14,6 @@ fn settings() -> RenderSettings {
     RenderSettings { width: 50, height: 37, spp: Some(40), aovs: true, ..RenderSettings::even() }
 }
 
-fn rendered(stage: &Stage, settings: &RenderSettings, threads: usize) -> Rendered {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-    pool.install(|| render(&stage.scene, settings, &AtomicBool::new(false), &|_| ()).unwrap())
-}
-
 /// Everything about a pixel, as text that differs when a bit differs.
 fn pixel(rendered: &Rendered, x: u32, y: u32) -> String {
     let pixels = rendered.pixels();
@@ -33,9 +28,9 @@ fn any_number_of_threads_gives_the_same_bits() {
             for (noise, adaptive) in [(Some(0.12), false), (None, true)] {
                 let settings = RenderSettings { balance, noise, spp: Some(160), ..settings() };
                 let settings = settings.with(Technique::Adaptive, adaptive.into());
-                let one = rendered(&stage, &settings, 1);
+                let one = stage.render_on(1, &settings);
                 for threads in [2, 7] {
-                    let other = rendered(&stage, &settings, threads);
+                    let other = stage.render_on(threads, &settings);
                     for y in 0..37 {
                         for x in 0..50 {
                             assert_eq!(pixel(&one, x, y), pixel(&other, x, y), "{backend:?} {balance:?} {threads}");
@@ -53,9 +48,9 @@ fn a_crop_has_the_bits_of_the_whole() {
     for (noise, adaptive, spp) in [(None, false, 40), (None, true, 40), (Some(0.12), false, 160)] {
         let settings =
             RenderSettings { noise, spp: Some(spp), ..settings() }.with(Technique::Adaptive, adaptive.into());
-        let whole = rendered(&stage, &settings, 2);
+        let whole = stage.render_on(2, &settings);
         for crop in [[0, 0, 1, 1], [13, 9, 34, 33], [49, 36, 50, 37]] {
-            let part = rendered(&stage, &RenderSettings { crop: Some(crop), ..settings.clone() }, 2);
+            let part = stage.render_on(2, &RenderSettings { crop: Some(crop), ..settings.clone() });
             for y in crop[1]..crop[3] {
                 for x in crop[0]..crop[2] {
                     assert_eq!(pixel(&whole, x, y), pixel(&part, x, y), "{crop:?} {x} {y}");
@@ -68,8 +63,8 @@ fn a_crop_has_the_bits_of_the_whole() {
 #[test]
 fn seeds_differ() {
     let stage = Stage::new(hall(), Backend::Embree);
-    let a = rendered(&stage, &settings(), 2);
-    let b = rendered(&stage, &RenderSettings { seed: 1, ..settings() }, 2);
+    let a = stage.render_on(2, &settings());
+    let b = stage.render_on(2, &RenderSettings { seed: 1, ..settings() });
     // The lower rows show the floor, where no pixel is without noise.
     for y in 25..37 {
         for x in 0..50 {
@@ -104,7 +99,7 @@ fn small_first_passes_leave_the_picture_unbiased_and_the_balance_learnt() {
     let settings = RenderSettings { spp: Some(132), ..settings() };
     let timed = RenderSettings { time: Some(1e9), seed: 7, ..settings.clone() };
     for stage in [with_sky, Stage::new(Arc::new(scene), Backend::Embree)] {
-        let both = [rendered(&stage, &settings, 2), rendered(&stage, &timed, 2)];
+        let both = [stage.render_on(2, &settings), stage.render_on(2, &timed)];
         let [plain, early] = both.each_ref().map(Rendered::film);
         let sum = |film: &Film, of: &dyn Fn(&PixelStats) -> f64| film.pixels.iter().map(of).sum::<f64>();
         for c in 0..3 {
@@ -125,7 +120,7 @@ fn small_first_passes_leave_the_picture_unbiased_and_the_balance_learnt() {
 #[test]
 fn time_and_noise_goals_stop_a_render() {
     let stage = Stage::new(hall(), Backend::Embree);
-    let run = |settings: RenderSettings| render(&stage.scene, &settings, &AtomicBool::new(false), &|_| ()).unwrap();
+    let run = |settings: RenderSettings| stage.render(&settings);
     let by_time = run(RenderSettings { spp: None, time: Some(0.2), ..settings() });
     assert_eq!(by_time.stop, StopReason::Time);
     assert!(by_time.film().pixels.iter().all(|p| p.samples > 0));

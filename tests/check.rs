@@ -6,18 +6,16 @@ use std::path::Path;
 use serde_json::Value;
 
 use crate::helpers::glb;
-use crate::helpers::program::{assert_same_bits, attribute, bismar, expect, names, scene, stderr};
+use crate::helpers::program::{
+    Folder, assert_same_bits, attribute, bismar, expect, names, read_json, says, scene, stderr,
+};
 
-fn folder() -> tempfile::TempDir {
-    let folder = tempfile::tempdir().unwrap();
-    fs::create_dir(folder.path().join("models")).unwrap();
-    fs::copy(scene("cornell.glb"), folder.path().join("models/c.glb")).unwrap();
-    fs::write(folder.path().join("models/m.glb"), glb::moving()).unwrap();
-    folder
+fn folder() -> Folder {
+    Folder::new().with_scene("models/c.glb", "cornell.glb").with("models/m.glb", glb::moving())
 }
 
 fn report(folder: &Path) -> Value {
-    serde_json::from_slice(&fs::read(folder.join("bismar-check/report.json")).unwrap()).unwrap()
+    read_json(&folder.join("bismar-check/report.json"))
 }
 
 fn outcomes(folder: &Path) -> Vec<String> {
@@ -38,8 +36,7 @@ fn edit(path: &Path, from: &str, to: &str) {
 
 #[test]
 fn goldens_of_every_kind_of_command_are_identical() {
-    let folder = folder();
-    let path = folder.path();
+    let path = &folder();
     fs::create_dir(path.join("g")).unwrap();
     let size = "--size 24x16 --spp 4 -q";
     for line in [
@@ -62,30 +59,27 @@ fn goldens_of_every_kind_of_command_are_identical() {
     let toml = "[[job]]\nscene = 'models/c.glb'\nsize = [24, 16]\nspp = 4\nguiding = 'on'\noutput = 'g/h.exr'\n";
     fs::write(path.join("jobs.toml"), toml).unwrap();
     expect(path, "batch jobs.toml -q", 0);
-    let said = expect(path, "check g more", 0);
-    assert!(said.contains("10 golden pictures: 10 identical, 0 alike, 0 different, 0 failed"), "{said}");
+    says(path, "check g more", 0, "10 golden pictures: 10 identical, 0 alike, 0 different, 0 failed");
     assert_eq!(outcomes(path), ["identical"; 10]);
     assert_eq!(names(&path.join("bismar-check")), ["index.html", "junit.xml", "new", "report.json"]);
     assert!(names(&path.join("bismar-check/new")).is_empty());
     let junit = fs::read_to_string(path.join("bismar-check/junit.xml")).unwrap();
     assert!(junit.contains("tests=\"10\" failures=\"0\" errors=\"0\""), "{junit}");
     // From elsewhere.
-    let elsewhere = tempfile::tempdir().unwrap();
+    let elsewhere = Folder::new();
     let line = format!("check {0}/g {0}/more --root {0} --out r", path.display());
-    expect(elsewhere.path(), &format!("{line} -q"), 0);
-    assert_eq!(names(elsewhere.path()), ["r"]);
+    expect(&elsewhere, &format!("{line} -q"), 0);
+    assert_eq!(names(&elsewhere), ["r"]);
 }
 
 #[test]
 fn a_changed_scene_differs_until_the_golden_is_updated() {
-    let folder = folder();
-    let path = folder.path();
+    let path = &folder();
     let line = "render models/c.glb --size 48x48 --spp 16 -q";
     expect(path, &format!("{line} --aov depth -o a.exr"), 0);
     // Other bits, and nothing to see.
     edit(&path.join("models/c.glb"), LAMP.0, LAMP.1);
-    let said = expect(path, "check a.exr", 0);
-    assert!(said.contains("1 alike"), "{said}");
+    says(path, "check a.exr", 0, "1 alike");
     expect(path, "check a.exr --max-flip 0", 1);
     // Another lamp.
     edit(&path.join("models/c.glb"), LAMP.1, LAMP.2);
@@ -104,8 +98,7 @@ fn a_changed_scene_differs_until_the_golden_is_updated() {
     // The same picture again, as a new golden.
     expect(path, &format!("{line} --aov depth -o b.exr"), 0);
     assert_same_bits(&new, &path.join("b.exr"));
-    let said = expect(path, "check a.exr --update", 0);
-    assert!(said.contains("1 updated"), "{said}");
+    says(path, "check a.exr --update", 0, "1 updated");
     assert_same_bits(&path.join("a.exr"), &path.join("b.exr"));
     // Its header still says where the scene is, seen from the root.
     assert!(attribute(&path.join("a.exr"), "bismar.command").contains("\"models/c.glb\""));
@@ -114,8 +107,7 @@ fn a_changed_scene_differs_until_the_golden_is_updated() {
 
 #[test]
 fn what_cannot_be_checked_fails_by_itself() {
-    let folder = folder();
-    let path = folder.path();
+    let path = &folder();
     let absolute = path.join("models/m.glb");
     let size = "--size 16x16 --spp 2 -q";
     expect(path, &format!("render models/c.glb -o a.exr {size}"), 0);
@@ -149,8 +141,7 @@ fn what_cannot_be_checked_fails_by_itself() {
 
 #[test]
 fn a_mean_of_seeds_and_names_that_are_not_utf8_are_said() {
-    let folder = folder();
-    let path = folder.path();
+    let path = &folder();
     for seed in [1, 2] {
         let size = "--size 16x16 --spp 8 --checkpoint 60 --aov none -q";
         expect(path, &format!("render models/c.glb --seed {seed} -o {seed}.exr {size}"), 0);

@@ -1,41 +1,18 @@
 //! The program as scripts and people call it: exit codes, messages, files.
 
 use std::fs;
-use std::io::{BufRead, BufReader, Read};
-use std::path::Path;
-use std::process::{Command, Output, Stdio};
+use std::io::Read;
+use std::process::{Command, Stdio};
 
 use serde_json::Value;
-use tempfile::TempDir;
 
 use crate::helpers::glb;
 use crate::helpers::gltf_parts::Parts;
-use crate::helpers::program::{self, names, stderr};
+use crate::helpers::program::{self, Folder, Running, bismar, expect, names, read_json, run, says, stderr, stdout};
 
 /// A folder with a scene in it: one triangle, two cameras `a` and `b`, no light.
-fn folder() -> TempDir {
-    let folder = tempfile::tempdir().unwrap();
-    fs::write(folder.path().join("scene.glb"), glb::triangle()).unwrap();
-    folder
-}
-
-fn bismar(folder: &Path) -> Command {
-    let mut command = program::bismar(folder);
-    command.env_remove("BISMAR_THREADS");
-    command
-}
-
-fn run(folder: &Path, line: &str) -> Output {
-    bismar(folder).args(line.split_whitespace()).output().unwrap()
-}
-
-/// Runs, expects an exit code, and returns stderr.
-#[track_caller]
-fn expect(folder: &Path, line: &str, code: i32) -> String {
-    let output = run(folder, line);
-    let text = stderr(&output);
-    assert_eq!(output.status.code(), Some(code), "bismar {line}\n{text}");
-    text
+fn folder() -> Folder {
+    Folder::new().with("scene.glb", glb::triangle())
 }
 
 fn json(bytes: &[u8]) -> Value {
@@ -61,6 +38,10 @@ fn wrong_usage_exits_with_64_and_says_what_is_wrong() {
         ("completions tcsh", "possible values"),
         ("render scene.glb --time nan", "above 0"),
         ("render scene.glb --threads 0", "4096"),
+        ("render scene.glb --threads=-1", "4096"),
+        ("batch jobs.toml --threads 100000", "4096"),
+        ("merge a.exr -o b.exr --wait nan", "invalid value"),
+        ("merge a.exr -o b.exr --wait inf", "invalid value"),
         ("render scene.glb --env-rotate 90", "--env"),
         ("render scene.glb --sunsky 30", "ELEVATION,AZIMUTH"),
         ("render scene.glb --sunsky 95,0", "from 0 to 90"),
@@ -84,39 +65,38 @@ fn wrong_usage_exits_with_64_and_says_what_is_wrong() {
         ("compare a.exr", "B"),
         ("compare a.exr b.exr --diff c.txt", ".png or .exr"),
     ] {
-        let text = expect(folder.path(), line, 64);
-        assert!(text.contains(words), "bismar {line}: '{words}' is not in\n{text}");
+        says(&folder, line, 64, words);
     }
-    assert_eq!(names(folder.path()), ["scene.glb"]);
+    assert_eq!(names(&folder), ["scene.glb"]);
 }
 
 #[test]
 fn help_and_version_exit_with_0() {
     let folder = folder();
     for line in ["--help", "--version", "-V", "render --help", "help compare"] {
-        expect(folder.path(), line, 0);
+        expect(&folder, line, 0);
     }
-    let version = String::from_utf8(run(folder.path(), "--version").stdout).unwrap();
+    let version = stdout(&folder, "--version", 0);
     for words in ["bismar 0.", "\ncommit ", "\nEmbree 4.", "\ncompiled for "] {
         assert!(version.contains(words), "{version}");
     }
-    assert_eq!(run(folder.path(), "-V").stdout.iter().filter(|c| **c == b'\n').count(), 1);
+    assert_eq!(stdout(&folder, "-V", 0).lines().count(), 1);
 }
 
 #[test]
 fn shells_and_manuals_are_told_every_flag() {
     let folder = folder();
     for shell in ["bash", "zsh", "fish"] {
-        let script = String::from_utf8(run(folder.path(), &format!("completions {shell}")).stdout).unwrap();
+        let script = stdout(&folder, &format!("completions {shell}"), 0);
         assert!(script.contains("checkpoint") && script.contains("bismar"), "{shell}: {script}");
     }
-    let said = expect(folder.path(), "man pages/man1", 0);
-    let pages = names(&folder.path().join("pages/man1"));
+    let said = expect(&folder, "man pages/man1", 0);
+    let pages = names(&folder.join("pages/man1"));
     assert!(said.contains(&format!("wrote {} pages", pages.len())), "{said}");
     for page in ["bismar.1", "bismar-render.1", "bismar-farm-submit.1"] {
         assert!(pages.iter().any(|p| p == page), "{pages:?}");
     }
-    let page = fs::read_to_string(folder.path().join("pages/man1/bismar-render.1")).unwrap();
+    let page = fs::read_to_string(folder.join("pages/man1/bismar-render.1")).unwrap();
     assert!(page.contains("checkpoint") && page.contains("bismar render"), "{page}");
 }
 
@@ -125,7 +105,7 @@ fn what_is_logged_follows_flags_and_rust_log() {
     let folder = folder();
     let said = |flags: &str, filter: &str| {
         let line = format!("render scene.glb --size 8x8 --spp 1 --progress none {flags}");
-        stderr(&bismar(folder.path()).args(line.split_whitespace()).env("RUST_LOG", filter).output().unwrap())
+        stderr(&bismar(&folder).args(line.split_whitespace()).env("RUST_LOG", filter).output().unwrap())
     };
     let count = |flags, filter| said(flags, filter).lines().count();
     let (silent, plain, verbose, very) = (count("-q", ""), count("", ""), count("-v", ""), count("-vv", ""));
@@ -146,7 +126,7 @@ fn what_is_logged_follows_flags_and_rust_log() {
             assert!(["timestamp", "level", "message"].iter().all(|key| line[key].is_string()), "{line}");
         }
     }
-    let error = json(expect(folder.path(), "render absent.glb --log json", 66).trim().as_bytes());
+    let error = json(expect(&folder, "render absent.glb --log json", 66).trim().as_bytes());
     assert_eq!(error["level"], "ERROR");
 }
 
@@ -154,16 +134,10 @@ fn what_is_logged_follows_flags_and_rust_log() {
 fn a_checkpoint_refreshes_the_preview_too() {
     let folder = folder();
     let line = "render scene.glb --size 64x48 --time 1h --checkpoint 0.05 --preview p.png -v";
-    let mut child =
-        bismar(folder.path()).args(line.split(' ')).stderr(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
-    let mut lines = BufReader::new(child.stderr.take().unwrap());
-    let mut text = String::new();
-    while !text.contains("saved scene.exr") {
-        assert_ne!(lines.read_line(&mut text).unwrap(), 0, "it ended by itself:\n{text}");
-    }
-    program::signal(&child, "-KILL");
-    child.wait().unwrap();
-    let png = fs::read(folder.path().join("p.png")).unwrap();
+    let mut render = Running::start(&folder, line);
+    render.until("saved scene.exr");
+    render.end("-KILL");
+    let png = fs::read(folder.join("p.png")).unwrap();
     assert_eq!((&png[1..4], &png[16..24]), (&b"PNG"[..], &[0, 0, 0, 64, 0, 0, 0, 48][..]));
 }
 
@@ -184,7 +158,7 @@ fn a_viewer_is_shown_the_picture_and_one_that_is_not_there_is_no_failure() {
         let mut stream = listener.accept().unwrap().0;
         std::iter::from_fn(|| packet(&mut stream)).collect::<Vec<_>>()
     });
-    expect(folder.path(), &format!("{SMALL} --tev :{port}"), 0);
+    expect(&folder, &format!("{SMALL} --tev :{port}"), 0);
     let packets = viewer.join().unwrap();
     // Create: kind 4, grab focus, name, width, height, channels.
     let create = [&[4, 1][..], b"scene.exr\0", &[32, 0, 0, 0, 24, 0, 0, 0, 3, 0, 0, 0], b"R\0G\0B\0"].concat();
@@ -196,27 +170,28 @@ fn a_viewer_is_shown_the_picture_and_one_that_is_not_there_is_no_failure() {
         last[last.len() - 32 * 24 * 3 * 4..].chunks_exact(4).map(|b| f32::from_le_bytes(b.try_into().unwrap()));
     let sum: f32 = pixels.sum();
     assert!(sum > 100.0, "{sum}");
-    let text = expect(folder.path(), &format!("render scene.glb --size 8x8 --spp 1 --tev :{port}"), 0);
-    assert!(text.contains("nobody answers; rendering continues without"), "{text}");
+    says(
+        &folder,
+        &format!("render scene.glb --size 8x8 --spp 1 --tev :{port}"),
+        0,
+        "nobody answers; rendering continues without",
+    );
 }
 
 #[test]
 fn time_that_is_over_too_soon_leaves_no_black_pixel_untold() {
-    let folder = folder();
-    fs::copy(program::scene("showpiece.glb"), folder.path().join("showpiece.glb")).unwrap();
+    let folder = folder().with_scene("showpiece.glb", "showpiece.glb");
     // Times from a first pass that cannot be finished to several: whatever there is, black places are reported.
     let (mut reported, mut whole) = (0, 0);
     for milliseconds in [100, 200, 400, 800, 1600, 3200, 6400, 12800, 25600] {
-        let output = run(
-            folder.path(),
-            &format!("render showpiece.glb --size 320x180 --time {}", f64::from(milliseconds) / 1e3),
-        );
+        let output =
+            run(&folder, &format!("render showpiece.glb --size 320x180 --time {}", f64::from(milliseconds) / 1e3));
         let text = stderr(&output);
         if output.status.code() == Some(64) {
             assert!(text.contains("before the first path"), "{text}");
             continue;
         }
-        let fewest = program::attribute(&folder.path().join("showpiece.exr"), "bismar.samples");
+        let fewest = program::attribute(&folder.join("showpiece.exr"), "bismar.samples");
         let empty = json(fewest.as_bytes())["pixel_min"] == 0;
         assert_eq!(text.contains("have no paths and are black"), empty, "{text}");
         reported += usize::from(empty);
@@ -232,14 +207,13 @@ fn time_that_is_over_too_soon_leaves_no_black_pixel_untold() {
 fn a_scene_or_picture_that_is_not_there_exits_with_66_and_is_named() {
     let folder = folder();
     for line in ["render absent.glb", "inspect absent.glb", "compare absent.glb absent.glb"] {
-        let text = expect(folder.path(), line, 66);
-        assert!(text.contains("absent.glb"), "{text}");
+        says(&folder, line, 66, "absent.glb");
     }
 }
 
 #[test]
 fn an_unknown_camera_exits_with_64_and_the_cameras_are_listed() {
-    let text = expect(folder().path(), "render scene.glb --camera top", 64);
+    let text = expect(&folder(), "render scene.glb --camera top", 64);
     assert!(text.contains("0  a") && text.contains("1  b"), "{text}");
 }
 
@@ -252,24 +226,27 @@ fn an_output_that_cannot_be_created_exits_with_73_before_the_scene_is_read() {
         "render absent.glb --preview absent/out.png",
         "render absent.glb --stats absent/out.json",
     ] {
-        let text = expect(folder.path(), line, 73);
-        assert!(text.contains("cannot create"), "{text}");
+        says(&folder, line, 73, "cannot create");
     }
 }
 
 #[test]
 fn a_thread_count_that_is_no_number_exits_with_64_and_names_its_variable() {
     let folder = folder();
-    let output = bismar(folder.path()).args(SMALL.split(' ')).env("BISMAR_THREADS", "many").output().unwrap();
-    assert_eq!(output.status.code(), Some(64));
-    assert!(stderr(&output).contains("BISMAR_THREADS is 'many'"), "{}", stderr(&output));
+    for count in ["many", "0", "2147483648", "-1"] {
+        let output = bismar(&folder).args(SMALL.split(' ')).env("BISMAR_THREADS", count).output().unwrap();
+        assert_eq!(output.status.code(), Some(64));
+        assert!(stderr(&output).contains(&format!("BISMAR_THREADS is '{count}'")), "{}", stderr(&output));
+    }
     for (flag, variable, taken) in [
         ("--threads=1", "BISMAR_THREADS", "1 threads (--threads)"),
         ("-v", "BISMAR_THREADS", "3 threads (BISMAR_THREADS)"),
         ("-v", "SLURM_CPUS_PER_TASK", "3 threads (SLURM_CPUS_PER_TASK)"),
     ] {
         let line = "render scene.glb --size 8x8 --spp 1 -v";
-        let output = bismar(folder.path()).args(line.split(' ')).arg(flag).env(variable, "3").output().unwrap();
+        let mut command = bismar(&folder);
+        command.env_remove("BISMAR_THREADS").env(variable, "3");
+        let output = command.args(line.split(' ')).arg(flag).output().unwrap();
         assert!(stderr(&output).contains(taken), "{}", stderr(&output));
     }
 }
@@ -277,9 +254,9 @@ fn a_thread_count_that_is_no_number_exits_with_64_and_names_its_variable() {
 #[test]
 fn a_render_writes_picture_preview_and_statistics_and_nothing_else() {
     let folder = folder();
-    expect(folder.path(), &format!("{SMALL} --preview p.png --stats s.json --crop 4,5,20,21"), 0);
-    assert_eq!(names(folder.path()), ["p.png", "s.json", "scene.exr", "scene.glb"]);
-    let stats = json(&fs::read(folder.path().join("s.json")).unwrap());
+    expect(&folder, &format!("{SMALL} --preview p.png --stats s.json --crop 4,5,20,21"), 0);
+    assert_eq!(names(&folder), ["p.png", "s.json", "scene.exr", "scene.glb"]);
+    let stats = read_json(&folder.join("s.json"));
     // Tiles are traced whole, so the crop's corner at (4, 5) costs the picture's 2 x 2 tiles.
     assert_eq!(stats["samples"]["paths"], 32 * 24 * 8);
     assert_eq!(stats["rays"]["camera"], stats["samples"]["paths"]);
@@ -290,38 +267,32 @@ fn a_render_writes_picture_preview_and_statistics_and_nothing_else() {
         assert!(stats["seconds"][phase].as_f64().unwrap() > 0.0, "{phase}");
     }
     assert!(stats["peak_memory_bytes"].as_u64().unwrap() > 1 << 20);
-    let png = fs::read(folder.path().join("p.png")).unwrap();
+    let png = fs::read(folder.join("p.png")).unwrap();
     assert_eq!((&png[1..4], &png[16..24]), (&b"PNG"[..], &[0, 0, 0, 16, 0, 0, 0, 16][..]));
 }
 
 #[test]
 fn a_scene_without_light_gets_a_studio_and_a_warning() {
     let folder = folder();
-    let text = expect(folder.path(), "render scene.glb --size 8x8 --spp 1", 0);
-    assert!(text.contains("scene.glb has no light: soft studio light is added"), "{text}");
-    let text = expect(folder.path(), "render scene.glb --size 8x8 --spp 1 --no-env", 0);
-    assert!(text.contains("black"), "{text}");
+    says(&folder, "render scene.glb --size 8x8 --spp 1", 0, "scene.glb has no light: soft studio light is added");
+    says(&folder, "render scene.glb --size 8x8 --spp 1 --no-env", 0, "black");
 }
 
 #[test]
 fn progress_off_a_terminal_is_lines_that_machines_read() {
     let folder = folder();
     let line = "render scene.glb --size 32x24 --spp 8";
-    let output = run(folder.path(), line);
+    let output = run(&folder, line);
     assert!(!output.stderr.contains(&b'\r') && !output.stderr.contains(&0x1b), "{}", stderr(&output));
     assert!(stderr(&output).lines().any(|l| l == "PROGRESS: 100%"), "{}", stderr(&output));
     assert!(output.stdout.is_empty());
 
-    let output = run(folder.path(), &format!("{line} --progress json"));
-    let lines = String::from_utf8(output.stdout).unwrap();
+    let lines = stdout(&folder, &format!("{line} --progress json"), 0);
     let lines = lines.lines().map(|l| json(l.as_bytes())).collect::<Vec<_>>();
     assert_eq!(lines.last().unwrap()["fraction"], 1.0);
 
-    let output = run(folder.path(), &format!("{line} --progress openjd"));
-    assert!(String::from_utf8(output.stdout).unwrap().ends_with("openjd_progress: 100\n"));
-
-    let output = run(folder.path(), &format!("{line} -q"));
-    assert!(!stderr(&output).contains("PROGRESS"), "{}", stderr(&output));
+    assert!(stdout(&folder, &format!("{line} --progress openjd"), 0).ends_with("openjd_progress: 100\n"));
+    assert!(!expect(&folder, &format!("{line} -q"), 0).contains("PROGRESS"));
 }
 
 #[test]
@@ -329,66 +300,48 @@ fn an_interrupted_render_saves_what_there_is_and_exits_with_75() {
     for signal in ["-INT", "-TERM"] {
         let folder = folder();
         let line = "render scene.glb --size 64x48 --time 600 --progress plain --stats s.json";
-        let mut child =
-            bismar(folder.path()).args(line.split(' ')).stderr(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
-        let mut lines = BufReader::new(child.stderr.take().unwrap());
-        let mut text = String::new();
-        while !text.contains("PROGRESS") {
-            assert_ne!(lines.read_line(&mut text).unwrap(), 0, "it ended by itself:\n{text}");
-        }
-        program::signal(&child, signal);
-        lines.read_to_string(&mut text).unwrap();
-        assert_eq!(child.wait().unwrap().code(), Some(75), "{text}");
-        assert!(text.contains("scene.exr is saved"), "{text}");
-        expect(folder.path(), "compare scene.exr scene.exr", 0);
-        assert_eq!(json(&fs::read(folder.path().join("s.json")).unwrap())["stop"], "interrupted");
+        let mut render = Running::start(&folder, line);
+        render.until("PROGRESS");
+        let (code, text) = render.end(signal);
+        assert!(code == Some(75) && text.contains("scene.exr is saved"), "{code:?} {text}");
+        expect(&folder, "compare scene.exr scene.exr", 0);
+        assert_eq!(read_json(&folder.join("s.json"))["stop"], "interrupted");
     }
 }
 
 #[test]
 fn a_build_that_is_interrupted_touches_no_output_and_exits_with_75() {
-    let folder = folder();
-    fs::write(folder.path().join("thicket.glb"), glb::thicket(1_500_000)).unwrap();
-    fs::write(folder.path().join("thicket.exr"), b"the old picture").unwrap();
-    let before = names(folder.path());
+    let folder = folder().with("thicket.glb", glb::thicket(1_500_000)).with("thicket.exr", b"the old picture");
+    let before = names(&folder);
     let line = "render thicket.glb --size 64x48 --time 600 -v";
-    let mut child =
-        bismar(folder.path()).args(line.split(' ')).stderr(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
-    let mut lines = BufReader::new(child.stderr.take().unwrap());
-    let mut text = String::new();
-    while !text.contains("read thicket.glb") {
-        assert_ne!(lines.read_line(&mut text).unwrap(), 0, "it ended by itself:\n{text}");
-    }
-    program::signal(&child, "-INT");
-    lines.read_to_string(&mut text).unwrap();
-    assert_eq!(child.wait().unwrap().code(), Some(75), "{text}");
-    assert!(text.contains("interrupted while loading"), "{text}");
-    assert_eq!(names(folder.path()), before);
-    assert_eq!(fs::read(folder.path().join("thicket.exr")).unwrap(), b"the old picture");
+    let mut render = Running::start(&folder, line);
+    render.until("read thicket.glb");
+    let (code, text) = render.end("-INT");
+    assert!(code == Some(75) && text.contains("interrupted while loading"), "{code:?} {text}");
+    assert_eq!(names(&folder), before);
+    assert_eq!(fs::read(folder.join("thicket.exr")).unwrap(), b"the old picture");
 }
 
 #[test]
-fn a_full_disk_exits_with_74_and_leaves_the_old_picture() {
+fn a_full_disk_or_a_file_beyond_the_largest_size_exits_with_74_and_leaves_the_old_picture() {
     let folder = folder();
     let old = b"the old picture".as_slice();
-    fs::write(folder.path().join("scene.exr"), old).unwrap();
-    // A limit of a few kilobytes a file fails like a full disk: in the middle of a write.
-    let script = "trap '' XFSZ; ulimit -f 8; exec \"$0\" render scene.glb --size 128x128 --spp 8 -q";
+    fs::write(folder.join("scene.exr"), old).unwrap();
+    // A limit of a few kilobytes a file ends a write in its middle.
+    let script = "ulimit -f 8; exec \"$0\" render scene.glb --size 128x128 --spp 8 -q";
     let program = assert_cmd::cargo::cargo_bin!("bismar");
-    let output = Command::new("sh").arg("-c").arg(script).arg(program).current_dir(folder.path()).output().unwrap();
+    let output = Command::new("sh").arg("-c").arg(script).arg(program).current_dir(&folder).output().unwrap();
     assert_eq!(output.status.code(), Some(74), "{}", stderr(&output));
     assert!(stderr(&output).contains("scene.exr: cannot write"), "{}", stderr(&output));
-    assert_eq!(fs::read(folder.path().join("scene.exr")).unwrap(), old);
-    assert_eq!(names(folder.path()), ["scene.exr", "scene.glb"]);
+    assert_eq!(fs::read(folder.join("scene.exr")).unwrap(), old);
+    assert_eq!(names(&folder), ["scene.exr", "scene.glb"]);
 }
 
 #[test]
 fn a_picture_compared_with_itself_has_no_difference_and_z_0() {
     let folder = folder();
-    expect(folder.path(), SMALL, 0);
-    let output = run(folder.path(), "compare scene.exr scene.exr --json --max-relmse 0 --max-z 0");
-    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
-    let report = json(&output.stdout);
+    expect(&folder, SMALL, 0);
+    let report = json(stdout(&folder, "compare scene.exr scene.exr --json --max-relmse 0 --max-z 0", 0).as_bytes());
     for number in ["rel_mse", "rmse", "mae"] {
         assert_eq!(report[number], 0.0, "{number}");
     }
@@ -400,61 +353,57 @@ fn a_picture_compared_with_itself_has_no_difference_and_z_0() {
 #[test]
 fn pictures_beyond_the_threshold_exit_with_1() {
     let folder = folder();
-    expect(folder.path(), &format!("{SMALL} -o a.exr"), 0);
-    expect(folder.path(), &format!("{SMALL} -o b.exr --no-env"), 0);
-    expect(folder.path(), "compare a.exr b.exr", 0);
-    let text = expect(folder.path(), "compare a.exr b.exr --max-relmse 0.001 --diff d.png", 1);
+    expect(&folder, &format!("{SMALL} -o a.exr"), 0);
+    expect(&folder, &format!("{SMALL} -o b.exr --no-env"), 0);
+    expect(&folder, "compare a.exr b.exr", 0);
+    let text = expect(&folder, "compare a.exr b.exr --max-relmse 0.001 --diff d.png", 1);
     assert!(text.contains("relMSE") && text.contains("beyond 0.001"), "{text}");
-    assert!(folder.path().join("d.png").exists());
-    expect(folder.path(), "compare a.exr b.exr --max-z 6", 1);
-    expect(folder.path(), "compare a.exr b.exr --diff d.exr", 0);
-    expect(folder.path(), "compare d.exr b.exr", 0);
+    assert!(folder.join("d.png").exists());
+    expect(&folder, "compare a.exr b.exr --max-z 6", 1);
+    expect(&folder, "compare a.exr b.exr --diff d.exr", 0);
+    expect(&folder, "compare d.exr b.exr", 0);
 }
 
 #[test]
 fn pictures_that_cannot_be_compared_exit_with_65() {
     let folder = folder();
-    expect(folder.path(), &format!("{SMALL} -o a.exr --aov none"), 0);
-    expect(folder.path(), &format!("{SMALL} -o b.exr").replace("32x24", "16x24"), 0);
-    let text = expect(folder.path(), "compare a.exr b.exr", 65);
-    assert!(text.contains("windows differ: 32 x 24 from (0, 0) and 16 x 24"), "{text}");
-    let text = expect(folder.path(), "compare a.exr a.exr --max-z 3", 65);
-    assert!(text.contains("need variance"), "{text}");
-    let text = expect(folder.path(), "compare scene.glb a.exr", 65);
-    assert!(text.contains("scene.glb: cannot use this OpenEXR file"), "{text}");
-    fs::write(folder.path().join("cut.exr"), &fs::read(folder.path().join("a.exr")).unwrap()[..500]).unwrap();
-    expect(folder.path(), "compare cut.exr a.exr", 65);
+    expect(&folder, &format!("{SMALL} -o a.exr --aov none"), 0);
+    expect(&folder, &format!("{SMALL} -o b.exr").replace("32x24", "16x24"), 0);
+    says(&folder, "compare a.exr b.exr", 65, "windows differ: 32 x 24 from (0, 0) and 16 x 24");
+    says(&folder, "compare a.exr a.exr --max-z 3", 65, "need variance");
+    says(&folder, "compare scene.glb a.exr", 65, "scene.glb: cannot use this OpenEXR file");
+    fs::write(folder.join("cut.exr"), &fs::read(folder.join("a.exr")).unwrap()[..500]).unwrap();
+    expect(&folder, "compare cut.exr a.exr", 65);
 }
 
 #[test]
 fn inspect_says_what_is_there_and_what_is_left_out() {
     let folder = folder();
-    let output = run(folder.path(), "inspect scene.glb");
-    let text = String::from_utf8(output.stdout).unwrap();
+    let text = stdout(&folder, "inspect scene.glb", 0);
     for words in ["triangles  1", "1  b  perspective  40.1 degrees high", "soft studio light is added"] {
         assert!(text.contains(words), "'{words}' is not in\n{text}");
     }
-    let summary = json(&run(folder.path(), "inspect scene.glb --json").stdout);
+    let summary = json(&run(&folder, "inspect scene.glb --json").stdout);
     assert_eq!(summary["counts"]["triangles"], 1);
     // With a map of its own no light is added.
     std::fs::write(
-        folder.path().join("a.hdr"),
+        folder.join("a.hdr"),
         b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 2\n\x80\x80\x80\x81\x80\x80\x80\x81",
     )
     .unwrap();
-    let lit = json(&run(folder.path(), "inspect scene.glb --env a.hdr --json").stdout);
+    let lit = json(&run(&folder, "inspect scene.glb --env a.hdr --json").stdout);
     assert_eq!((&summary["default_light"], &lit["default_light"]), (&true.into(), &false.into()));
     assert_eq!((&lit["environment"]["width"], &lit["environment"]["height"]), (&2.into(), &1.into()));
-    expect(folder.path(), "inspect scene.glb --env scene.glb", 65);
+    expect(&folder, "inspect scene.glb --env scene.glb", 65);
 }
 
 #[test]
 fn a_reader_that_goes_away_is_no_error() {
     let folder = folder();
-    expect(folder.path(), SMALL, 0);
+    expect(&folder, SMALL, 0);
     for line in ["compare scene.exr scene.exr", "compare scene.exr scene.exr --json", "--help", "inspect scene.glb"] {
         let mut child =
-            bismar(folder.path()).args(line.split(' ')).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+            bismar(&folder).args(line.split(' ')).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
         drop(child.stdout.take());
         let output = child.wait_with_output().unwrap();
         assert_eq!(output.status.code(), Some(0), "bismar {line}: {}", stderr(&output));
@@ -466,7 +415,7 @@ fn a_reader_that_goes_away_is_no_error() {
 fn a_study_is_handed_to_bismar_study_with_its_whole_line() {
     use std::os::unix::fs::PermissionsExt;
     // On the file system of the program, so that it can be linked there: a copy could be busy when it is run.
-    let folder = TempDir::new_in(env!("CARGO_TARGET_TMPDIR")).unwrap();
+    let folder = tempfile::TempDir::new_in(env!("CARGO_TARGET_TMPDIR")).unwrap();
     let bismar = folder.path().join("bismar");
     fs::hard_link(assert_cmd::cargo::cargo_bin!("bismar"), &bismar).unwrap();
     let run = |line: &str| Command::new(&bismar).args(line.split_whitespace()).output().unwrap();
@@ -497,7 +446,7 @@ fn a_study_is_handed_to_bismar_study_with_its_whole_line() {
 
 #[test]
 fn more_lights_than_memory_end_with_76_before_they_are_made() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
     // A thousand emissive triangles in one point of a mesh, placed 200,000 times: 36 KB.
     const PLACES: usize = 200_000;
     let positions = [[0.0_f32, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
@@ -516,52 +465,56 @@ fn more_lights_than_memory_end_with_76_before_they_are_made() {
         "bufferViews": [{ "buffer": 0, "byteLength": 36 }, { "buffer": 0, "byteOffset": 36, "byteLength": 3000 }],
         "buffers": [{ "byteLength": 3036 }],
     });
-    fs::write(folder.path().join("scene.glb"), glb::file(&scene, &[binary, indices].concat())).unwrap();
+    fs::write(folder.join("scene.glb"), glb::file(&scene, &[binary, indices].concat())).unwrap();
     for limit in ["2G", "20G"] {
-        let text = expect(folder.path(), &format!("render scene.glb -o a.exr --size 8x8 --memory-limit {limit}"), 76);
-        assert!(text.contains("200000000 emissive triangles"), "{text}");
+        says(
+            &folder,
+            &format!("render scene.glb -o a.exr --size 8x8 --memory-limit {limit}"),
+            76,
+            "200000000 emissive triangles",
+        );
     }
-    assert_eq!(names(folder.path()), ["scene.glb"]);
+    assert_eq!(names(&folder), ["scene.glb"]);
 }
 
 #[test]
 fn lights_in_watts_are_683_times_as_dark() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
     let nodes = r#"[{"mesh":0,"children":[1]},
         {"translation":[0.3,0.3,2],"extensions":{"KHR_lights_punctual":{"light":0}}}]"#;
     let more = r#","extensions":{"KHR_lights_punctual":{"lights":[{"type":"point","intensity":683}]}}"#;
     let parts = Parts { nodes: nodes.into(), more: more.into(), ..Default::default() };
-    fs::write(folder.path().join("scene.gltf"), parts.json()).unwrap();
+    fs::write(folder.join("scene.gltf"), parts.json()).unwrap();
     let mean = |unit: &str| {
         let line = format!("render scene.gltf -o {unit}.exr --size 16x16 --spp 4 --no-env --light-unit {unit}");
-        expect(folder.path(), &line, 0);
-        let picture = bismar::film::Picture::open(&folder.path().join(format!("{unit}.exr")), None).unwrap();
+        expect(&folder, &line, 0);
+        let picture = bismar::film::Picture::open(&folder.join(format!("{unit}.exr")), None).unwrap();
         picture.rgb.iter().flatten().map(|x| f64::from(*x)).sum::<f64>()
     };
     let (lumen, watt) = (mean("lumen"), mean("watt"));
     // Sums of products that differ by one factor, each rounded to 24 bits.
     assert!(lumen > 0.0 && (lumen / watt - 683.0).abs() < 683.0 * 1e-5, "{lumen} {watt}");
     // Another picture: not gone on with.
-    let said = expect(
-        folder.path(),
+    says(
+        &folder,
         "render scene.gltf -o lumen.exr --size 16x16 --spp 4 --no-env --light-unit watt --resume",
         65,
+        "scene",
     );
-    assert!(said.contains("scene"), "{said}");
 }
 
 #[test]
 fn a_white_sky_and_the_framed_view_are_there_for_files_with_lamps_and_cameras() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
     let nodes = r#"[{"mesh":0,"children":[1,2]},{"translation":[0,0,9],"extensions":{"KHR_lights_punctual":{"light":0}}},
         {"camera":0,"translation":[0,0,100],"rotation":[0,1,0,0]}]"#;
     let more = r#","cameras":[{"type":"perspective","perspective":{"yfov":0.5,"znear":1}}],
         "extensions":{"KHR_lights_punctual":{"lights":[{"type":"point","intensity":1}]}}"#;
     let parts = Parts { nodes: nodes.into(), more: more.into(), ..Default::default() };
-    fs::write(folder.path().join("scene.gltf"), parts.json()).unwrap();
+    fs::write(folder.join("scene.gltf"), parts.json()).unwrap();
     let render = |file: &str, flags: &str| {
-        let said = expect(folder.path(), &format!("render scene.gltf --size 16x16 --spp 4 -o {file} {flags}"), 0);
-        (bismar::film::Picture::open(&folder.path().join(file), None).unwrap().rgb, said)
+        let said = expect(&folder, &format!("render scene.gltf --size 16x16 --spp 4 -o {file} {flags}"), 0);
+        (bismar::film::Picture::open(&folder.join(file), None).unwrap().rgb, said)
     };
     // The camera looks away.
     let (away, said) = render("away.exr", "");
@@ -574,35 +527,24 @@ fn a_white_sky_and_the_framed_view_are_there_for_files_with_lamps_and_cameras() 
     // Other pictures: not gone on with.
     let line = "render scene.gltf --size 16x16 --spp 8 -o sky.exr --resume";
     for (flags, words) in [("--sky", "environment"), ("--sky --env-strength 0.5 --camera framed", "camera")] {
-        let said = expect(folder.path(), &format!("{line} {flags}"), 65);
-        assert!(said.contains(words), "{flags}: {said}");
+        says(&folder, &format!("{line} {flags}"), 65, words);
     }
     // In a batch each job has its own.
     let jobs = "[defaults]\nspp = 4\nsize = '16x16'\nscene = 'scene.gltf'\noutput = '{name}.exr'\n[[job]]\nname = '1'\n\
         [[job]]\nname = '2'\ncamera = 'framed'\n[[job]]\nname = '3'\nsky = true\nenv-strength = 0.5\n";
-    fs::write(folder.path().join("jobs.toml"), jobs).unwrap();
-    expect(folder.path(), "batch jobs.toml", 0);
+    fs::write(folder.join("jobs.toml"), jobs).unwrap();
+    expect(&folder, "batch jobs.toml", 0);
     for (job, picture) in [away, framed, sky].iter().enumerate() {
-        let path = folder.path().join(format!("{}.exr", job + 1));
+        let path = folder.join(format!("{}.exr", job + 1));
         assert!(bismar::film::Picture::open(&path, None).unwrap().rgb == *picture, "{job}");
     }
 }
 
 #[test]
-fn numbers_that_mean_nothing_are_refused_and_control_characters_are_shown() {
-    let folder = tempfile::tempdir().unwrap();
-    fs::write(folder.path().join("jobs.toml"), "[[job]]\nscene = 'a.glb'\n").unwrap();
-    for line in [
-        "merge a.exr -o b.exr --wait nan",
-        "merge a.exr -o b.exr --wait inf",
-        "batch jobs.toml --threads 0",
-        "batch jobs.toml --threads 100000",
-    ] {
-        let said = expect(folder.path(), line, 64);
-        assert!(said.contains("invalid value"), "{line}: {said}");
-    }
+fn control_characters_are_shown() {
+    let folder = Folder::new();
     for command in ["render", "inspect"] {
-        let output = bismar(folder.path()).args([command, "a\u{1b}[2J\u{85}.glb"]).output().unwrap();
+        let output = bismar(&folder).args([command, "a\u{1b}[2J\u{85}.glb"]).output().unwrap();
         assert_eq!(output.status.code(), Some(66));
         assert!(stderr(&output).contains(r"a\u{1b}[2J\u{85}.glb"), "{}", stderr(&output));
     }
@@ -611,9 +553,9 @@ fn numbers_that_mean_nothing_are_refused_and_control_characters_are_shown() {
 #[test]
 fn a_glb_comes_from_a_pipe_and_gives_the_same_bits() {
     let folder = folder();
-    let path = |name: &str| folder.path().join(name);
+    let path = |name: &str| folder.join(name);
     let piped = |line: &str, bytes: &[u8]| {
-        let mut command = bismar(folder.path());
+        let mut command = bismar(&folder);
         let mut child = command
             .args(line.split_whitespace())
             .stdin(Stdio::piped())
@@ -628,7 +570,7 @@ fn a_glb_comes_from_a_pipe_and_gives_the_same_bits() {
     };
     let glb = fs::read(path("scene.glb")).unwrap();
     assert_eq!(piped("render - --size 32x24 --spp 8 -q -o pipe.exr", &glb).0, Some(0));
-    expect(folder.path(), &format!("{SMALL} -o file.exr"), 0);
+    expect(&folder, &format!("{SMALL} -o file.exr"), 0);
     program::assert_same_bits(&path("pipe.exr"), &path("file.exr"));
     // Longer than its header says, as a file may be.
     assert_eq!(piped("inspect - --pose 0", &[&glb[..], b"more"].concat()).0, Some(0));
@@ -645,5 +587,5 @@ fn a_glb_comes_from_a_pipe_and_gives_the_same_bits() {
         assert!(text.contains(words), "{line}: {text}");
     }
     // No golden picture: nothing says what it was rendered from.
-    expect(folder.path(), "check pipe.exr", 65);
+    expect(&folder, "check pipe.exr", 65);
 }

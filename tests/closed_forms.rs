@@ -8,10 +8,10 @@ use bismar::lanes::V3;
 use bismar::light::{Density, EnvironmentSampler};
 use bismar::rays::Backend;
 use bismar::render::{Balance, Integrator, PixelFilter, RenderSettings};
-use bismar::scene::{Environment, PunctualKind, PunctualLight, Scene};
+use bismar::scene::{Environment, PunctualKind, Scene};
 use glam::{DVec3, Vec3};
 
-use crate::helpers::stage::{Stage, add, area_light, lambert, look, metal, rectangle, sphere};
+use crate::helpers::stage::{Stage, add, area_light, lambert, look, metal, punctual, rectangle, sphere};
 use crate::helpers::statistics::z_limit;
 
 pub const BALANCES: [Balance; 5] =
@@ -198,7 +198,7 @@ fn spherical_light_over_a_diffuse_plane() {
     agrees(scene, 0.5 / PI * 10.0 * irradiance, &BOTH);
 }
 
-fn punctual(kind: PunctualKind) -> Scene {
+fn under(kind: PunctualKind) -> Scene {
     let mut scene = Scene::default();
     rectangle(&mut scene, 0.0, [-5.0, 5.0], [-5.0, 5.0], true, lambert(0.5));
     let position = Vec3::new(1.0, 2.0, 0.0);
@@ -206,17 +206,7 @@ fn punctual(kind: PunctualKind) -> Scene {
     let toward = -position.normalize();
     let aside = Vec3::Z;
     let direction = toward * 0.9 + aside * (1.0f32 - 0.81).sqrt();
-    let (name, intensity) = ("light".into(), Vec3::splat(30.0));
-    scene.lights.push(PunctualLight {
-        name,
-        kind,
-        intensity,
-        position,
-        direction,
-        range: f32::INFINITY,
-        size: 0.0,
-        motion: Vec::new(),
-    });
+    scene.lights.push(punctual(kind, 30.0, position, direction));
     look(&mut scene, Vec3::new(0.0, 1.0, 3.0), Vec3::ZERO, 1e-4);
     scene
 }
@@ -228,14 +218,14 @@ fn point_radiance() -> f64 {
 
 #[test]
 fn point_light_over_a_diffuse_plane() {
-    agrees(punctual(PunctualKind::Point), point_radiance(), &BOTH);
+    agrees(under(PunctualKind::Point), point_radiance(), &BOTH);
 }
 
 #[test]
 fn a_lights_range_fades_it_and_ends_it() {
     // The light is √5 m away: 1 − (√5/3)⁴ of its light is left.
     for (range, left) in [(3.0, 1.0 - 25.0 / 81.0), (2.2, 0.0)] {
-        let mut scene = punctual(PunctualKind::Point);
+        let mut scene = under(PunctualKind::Point);
         scene.lights[0].range = range;
         agrees(scene, left * point_radiance(), &BOTH);
     }
@@ -245,14 +235,14 @@ fn a_lights_range_fades_it_and_ends_it() {
 fn spot_light_fades_from_its_inner_to_its_outer_cone() {
     let cone = |inner: f32, outer: f32| PunctualKind::Spot { inner: inner.acos(), outer: outer.acos() };
     // Inside, halfway down the ramp in the cosine (a quarter, squared), outside.
-    agrees(punctual(cone(0.85, 0.5)), point_radiance(), &[Integrator::Direct]);
-    agrees(punctual(cone(0.95, 0.85)), 0.25 * point_radiance(), &[Integrator::Direct]);
-    agrees(punctual(cone(0.99, 0.95)), 0.0, &[Integrator::Direct]);
+    agrees(under(cone(0.85, 0.5)), point_radiance(), &[Integrator::Direct]);
+    agrees(under(cone(0.95, 0.85)), 0.25 * point_radiance(), &[Integrator::Direct]);
+    agrees(under(cone(0.99, 0.95)), 0.0, &[Integrator::Direct]);
 }
 
 #[test]
 fn directional_light_over_a_diffuse_plane() {
-    let mut scene = punctual(PunctualKind::Directional);
+    let mut scene = under(PunctualKind::Directional);
     scene.lights[0].direction = Vec3::new(0.6, -0.8, 0.0);
     agrees(scene, 0.5 / PI * 30.0 * 0.8, &BOTH);
 }
@@ -313,7 +303,7 @@ fn all_balances_and_backends_agree_on_a_glossy_scene_with_sky_lamp_and_indirect_
         let stage = Stage::new(scene.clone(), backend);
         for &(balance, pilot) in &balances {
             let mean = stage.mean_green(&RenderSettings { balance, pilot, ..settings() }, 1000);
-            let z = (mean.mean - reference.mean) / mean.standard_error().hypot(reference.standard_error());
+            let z = mean.z_to(&reference);
             assert!(
                 z.abs() < limit,
                 "{backend:?} {balance:?} {pilot:?}: {} for {}, z = {z}",

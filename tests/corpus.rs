@@ -10,10 +10,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use crate::helpers::program::Folder;
 use crate::helpers::shared;
-
-/// Scenes that are sound but cannot be shown without an extension that the renderer does not have.
-const REFUSED: [(&str, &str); 0] = [];
 
 /// Limits per file: 60 s of processor time, and writable memory (`RLIMIT_DATA`, which counts stacks whole) of
 /// 192 MiB for the program and Embree, 16 MiB more for each processor's threads, and 48 times the bytes of the scene
@@ -96,8 +94,8 @@ fn names_file_and_place(text: &str, scene: &Path) -> bool {
 }
 
 fn judge(scene: &Path, name: &str, verdict: &str, class: &str, bytes: u64) -> Result<&'static str, String> {
-    let folder = tempfile::tempdir().unwrap();
-    let (code, text) = render(scene, bytes, folder.path());
+    let folder = Folder::new();
+    let (code, text) = render(scene, bytes, &folder);
     let mut files: Vec<_> = fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().file_name()).collect();
     files.sort();
     let left = if code == 0 { vec!["out.exr", "stats.json"] } else { vec![] };
@@ -110,18 +108,14 @@ fn judge(scene: &Path, name: &str, verdict: &str, class: &str, bytes: u64) -> Re
     if code != 0 && !names_file_and_place(&text, scene) {
         return Err(format!("the message does not say which file or where: {text}"));
     }
-    let refused = REFUSED.iter().find(|refused| refused.0 == name).map(|refused| refused.1);
-    match (code, refused) {
-        (0, Some(extension)) => Err(format!("renders; it is listed as refused for {extension}")),
-        (_, Some(extension)) if text.contains(extension) => Ok("refused for an extension"),
-        (_, Some(extension)) => Err(format!("is not refused for {extension} but: {text}")),
-        (0, None) if shared::must_be_noted(name) => Ok("rendered"),
-        (0, None) if shared::must_accept(verdict) => Ok("rendered"),
-        (_, None) if shared::must_accept(verdict) => Err(format!("must render: {text}")),
-        (0, None) if class == "must_reject" => Err("must be rejected, but renders".to_owned()),
-        (_, None) if class == "must_reject" => Ok("rejected"),
-        (0, None) => Ok("rendered"),
-        (_, None) => Ok("rejected, though it may be tolerated"),
+    let must_reject = class == "must_reject";
+    match (code, shared::must_accept(verdict)) {
+        (0, true) => Ok("rendered"),
+        (_, true) => Err(format!("must render: {text}")),
+        (0, false) if must_reject && !shared::must_be_noted(name) => Err("must be rejected, but renders".to_owned()),
+        (0, false) => Ok("rendered"),
+        (_, false) if must_reject => Ok("rejected"),
+        (_, false) => Ok("rejected, though it may be tolerated"),
     }
 }
 
@@ -147,7 +141,7 @@ fn every_shared_file_renders_or_is_refused_as_its_manifest_says() {
     assert_eq!(outcomes.len(), rows.len());
     let count = |what: &str| outcomes.iter().filter(|o| o.as_ref().is_ok_and(|&o| o == what)).count();
     let failures: Vec<_> = outcomes.iter().filter_map(|outcome| outcome.as_ref().err().cloned()).collect();
-    for what in ["rendered", "refused for an extension", "rejected", "rejected, though it may be tolerated"] {
+    for what in ["rendered", "rejected", "rejected, though it may be tolerated"] {
         println!("{} {what}", count(what));
     }
     assert!(failures.is_empty(), "{} failures:\n{}", failures.len(), failures.join("\n"));

@@ -7,7 +7,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 
-use crate::helpers::program::{self, bismar, expect, scene, stderr};
+use crate::helpers::program::{self, Folder, bismar, expect, scene, stderr};
 use crate::helpers::random::Random;
 use crate::helpers::shared;
 
@@ -87,13 +87,13 @@ fn assert_mixed(codes: &[i32]) {
 
 /// Renders a few pixels of a damaged scene: the scene's own file, or one that is next to it.
 fn render_damaged(scene: &Path, seed: usize) -> Result<i32, String> {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
     let entries = fs::read_dir(scene.parent().unwrap()).unwrap().map(|e| e.unwrap().path());
     let mut neighbours = Vec::new();
     for path in entries.filter(|p| p.is_file()) {
         let used = ["bin", "png", "jpg", "jpeg", "hdr"].iter().any(|&e| path.extension().is_some_and(|x| x == e));
         if used || path == scene {
-            fs::copy(&path, folder.path().join(path.file_name().unwrap())).unwrap();
+            fs::copy(&path, folder.join(path.file_name().unwrap())).unwrap();
         }
         if used && path.extension().is_some_and(|e| e != "hdr") {
             neighbours.push(path);
@@ -108,9 +108,9 @@ fn render_damaged(scene: &Path, seed: usize) -> Result<i32, String> {
     neighbours.sort();
     let victim = if seed % 3 == 2 && !neighbours.is_empty() { &neighbours[seed % neighbours.len()] } else { scene };
     let name = |path: &Path| path.file_name().unwrap().to_str().unwrap().to_owned();
-    fs::write(folder.path().join(name(victim)), damage(&fs::read(victim).unwrap(), seed)).unwrap();
+    fs::write(folder.join(name(victim)), damage(&fs::read(victim).unwrap(), seed)).unwrap();
     let line = format!("render {}{env} --size 8x8 --spp 2 -q -o out.exr", name(scene));
-    survives(folder.path(), &line).map_err(|e| format!("{} damaged: {e}", victim.display()))
+    survives(&folder, &line).map_err(|e| format!("{} damaged: {e}", victim.display()))
 }
 
 #[test]
@@ -138,11 +138,10 @@ fn damaged_scenes_of_others_are_rendered_or_refused() {
 const RENDER: &str = "render cornell.glb --size 40x24 --spp 8 --aov all --checkpoint 9 -q";
 
 /// A folder with a picture of ours, its two parts, and the scene.
-fn pictures() -> tempfile::TempDir {
-    let folder = tempfile::tempdir().unwrap();
-    fs::copy(scene("cornell.glb"), folder.path().join("cornell.glb")).unwrap();
+fn pictures() -> Folder {
+    let folder = Folder::new().with_scene("cornell.glb", "cornell.glb");
     for flags in ["-o whole.exr", "--part 1/2 -o 1.exr", "--part 2/2 -o 2.exr"] {
-        expect(folder.path(), &format!("{RENDER} {flags}"), 0);
+        expect(&folder, &format!("{RENDER} {flags}"), 0);
     }
     folder
 }
@@ -150,27 +149,27 @@ fn pictures() -> tempfile::TempDir {
 #[test]
 fn damaged_pictures_are_compared_merged_and_gone_on_with_or_refused() {
     let pictures = pictures();
-    let bytes = |name: &str| fs::read(pictures.path().join(name)).unwrap();
+    let bytes = |name: &str| fs::read(pictures.join(name)).unwrap();
     let [whole, first, second, scene] = ["whole.exr", "1.exr", "2.exr", "cornell.glb"].map(bytes);
     let codes = try_all(180, |i| {
-        let folder = tempfile::tempdir().unwrap();
-        let put = |name: &str, bytes: &[u8]| fs::write(folder.path().join(name), bytes).unwrap();
+        let folder = Folder::new();
+        let put = |name: &str, bytes: &[u8]| fs::write(folder.join(name), bytes).unwrap();
         put("cornell.glb", &scene);
         let seed = i / 3;
         match i % 3 {
             0 => {
                 put("a.exr", &damage(&whole, seed));
                 put("b.exr", &whole);
-                survives(folder.path(), "compare a.exr b.exr --diff diff.png")
+                survives(&folder, "compare a.exr b.exr --diff diff.png")
             }
             1 => {
                 put("1.exr", &damage(&first, seed));
                 put("2.exr", &second);
-                survives(folder.path(), "merge 1.exr 2.exr -o out.exr -q")
+                survives(&folder, "merge 1.exr 2.exr -o out.exr -q")
             }
             _ => {
                 put("out.exr", &damage(&whole, seed));
-                survives(folder.path(), &format!("{} --resume -o out.exr", RENDER.replace("--spp 8", "--spp 16")))
+                survives(&folder, &format!("{} --resume -o out.exr", RENDER.replace("--spp 8", "--spp 16")))
             }
         }
     });
@@ -181,16 +180,16 @@ fn damaged_pictures_are_compared_merged_and_gone_on_with_or_refused() {
 #[test]
 fn forged_statistics_are_gone_on_with_or_refused() {
     let pictures = pictures();
-    let path = pictures.path().join("whole.exr");
+    let path = pictures.join("whole.exr");
     let file = fs::read(&path).unwrap();
     let statistics = bismar::film::exr_file::read_statistics(&path).unwrap().unwrap();
     let find = |wanted: &[u8]| file.windows(wanted.len()).position(|w| w == wanted).unwrap();
     let hash_at = find(blake3::hash(&statistics).to_hex().as_bytes());
-    let scene = fs::read(pictures.path().join("cornell.glb")).unwrap();
+    let scene = fs::read(pictures.join("cornell.glb")).unwrap();
     // They stand at the end of the file; a run of 16 KiB is found where it is.
     let rows: Vec<_> = statistics.chunks(4 * 4096).map(|row| (find(row), row.len())).collect();
     let codes = try_all(100, |i| {
-        let folder = tempfile::tempdir().unwrap();
+        let folder = Folder::new();
         let mut random = Random(i as u64);
         let (mut file, mut statistics) = (file.clone(), statistics.clone());
         for _ in 0..1 + random.below(3) {
@@ -201,9 +200,9 @@ fn forged_statistics_are_gone_on_with_or_refused() {
         }
         file[hash_at..hash_at + 64].copy_from_slice(blake3::hash(&statistics).to_hex().as_bytes());
         program::seal(&mut file);
-        fs::write(folder.path().join("cornell.glb"), &scene).unwrap();
-        fs::write(folder.path().join("out.exr"), file).unwrap();
-        survives(folder.path(), &format!("{} --resume -o out.exr", RENDER.replace("--spp 8", "--spp 16")))
+        fs::write(folder.join("cornell.glb"), &scene).unwrap();
+        fs::write(folder.join("out.exr"), file).unwrap();
+        survives(&folder, &format!("{} --resume -o out.exr", RENDER.replace("--spp 8", "--spp 16")))
     });
     assert_mixed(&codes);
 }
@@ -211,13 +210,13 @@ fn forged_statistics_are_gone_on_with_or_refused() {
 #[test]
 fn a_finished_picture_that_was_changed_is_never_called_done() {
     let pictures = pictures();
-    let whole = fs::read(pictures.path().join("whole.exr")).unwrap();
-    let scene = fs::read(pictures.path().join("cornell.glb")).unwrap();
+    let whole = fs::read(pictures.join("whole.exr")).unwrap();
+    let scene = fs::read(pictures.join("cornell.glb")).unwrap();
     let jobs = "[defaults]\nsize = '40x24'\nspp = 8\naov = 'all'\ncheckpoint = 9\noutput = 'out.exr'\n";
     let jobs = format!("{jobs}[[job]]\nscene = 'cornell.glb'\n");
     let codes = try_all(150, |i| {
-        let folder = tempfile::tempdir().unwrap();
-        let put = |name: &str, bytes: &[u8]| fs::write(folder.path().join(name), bytes).unwrap();
+        let folder = Folder::new();
+        let put = |name: &str, bytes: &[u8]| fs::write(folder.join(name), bytes).unwrap();
         put("cornell.glb", &scene);
         let mut random = Random(i as u64);
         let mut bytes = whole.clone();
@@ -228,15 +227,15 @@ fn a_finished_picture_that_was_changed_is_never_called_done() {
             _ => bytes[random.below(whole.len())] ^= 1 << random.below(8),
         }
         put("out.exr", &bytes);
-        let code = survives(folder.path(), &format!("{RENDER} --resume -o out.exr"))?;
-        if code == 0 && fs::read(folder.path().join("out.exr")).unwrap() == bytes {
+        let code = survives(&folder, &format!("{RENDER} --resume -o out.exr"))?;
+        if code == 0 && fs::read(folder.join("out.exr")).unwrap() == bytes {
             return Err(format!("cut or flipped, and called done: {i}"));
         }
         // A batch renders it anew, unless nobody could tell that it is ours.
         put("jobs.toml", jobs.as_bytes());
-        let code = survives(folder.path(), "batch jobs.toml -q --threads 1")
+        let code = survives(&folder, "batch jobs.toml -q --threads 1")
             .or_else(|why| if why.contains("Some(65)") { Ok(65) } else { Err(why) })?;
-        let same = fs::read(folder.path().join("out.exr")).unwrap() == bytes;
+        let same = fs::read(folder.join("out.exr")).unwrap() == bytes;
         if code == 0 && same { Err(format!("called done by a batch: {i}")) } else { Ok(code) }
     });
     assert!(codes.iter().filter(|&&code| code == 0).count() > codes.len() / 2, "{codes:?}");

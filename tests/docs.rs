@@ -7,7 +7,7 @@ use std::process::Command;
 use bismar::render::Technique;
 use serde_json::Value;
 
-use crate::helpers::program::{bismar, program, scene};
+use crate::helpers::program::{Folder, bismar, program, scene};
 
 /// What stands between ```sh and ```.
 fn commands(page: &str) -> String {
@@ -25,20 +25,20 @@ fn commands_of_short_pages_run() {
         ("look.md", "out/versions.png"),
         ("looks.md", "out/again.png"),
     ] {
-        let folder = tempfile::tempdir().unwrap();
+        let folder = Folder::new();
         // Copies: `check` refuses files that a link leads to.
-        fs::create_dir(folder.path().join("scenes")).unwrap();
+        fs::create_dir(folder.join("scenes")).unwrap();
         for name in ["cornell.glb", "veach.glb"] {
-            fs::copy(scene(name), folder.path().join("scenes").join(name)).unwrap();
+            fs::copy(scene(name), folder.join("scenes").join(name)).unwrap();
         }
         let path = format!("{}:{}", program().parent().unwrap().display(), std::env::var("PATH").unwrap());
         let script = commands(page);
         assert!(script.contains("bismar "));
         let mut shell = Command::new("bash");
-        shell.args(["-euo", "pipefail", "-c", &format!("mkdir -p out\n{script}")]).current_dir(folder.path());
+        shell.args(["-euo", "pipefail", "-c", &format!("mkdir -p out\n{script}")]).current_dir(&folder);
         let output = shell.env("PATH", path).output().unwrap();
         assert!(output.status.success(), "{page}: {}", String::from_utf8_lossy(&output.stderr));
-        assert!(folder.path().join(file).exists(), "{page}: no {file}");
+        assert!(folder.join(file).exists(), "{page}: no {file}");
     }
 }
 

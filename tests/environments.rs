@@ -8,7 +8,7 @@ use exr::meta::attribute::Chromaticities;
 use exr::prelude::*;
 
 use crate::helpers::glb;
-use crate::helpers::program::{assert_same_bits, bits, expect, scene};
+use crate::helpers::program::{Folder, assert_same_bits, bits, expect, says};
 
 const AP1: [f32; 8] = [0.713, 0.293, 0.165, 0.830, 0.128, 0.044, 0.32168, 0.33767];
 const XYZ: [f32; 8] = [1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.333_333, 0.333_333];
@@ -43,8 +43,7 @@ fn write(
 
 #[test]
 fn colour_spaces_of_openexr_files_become_rec709() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
+    let path = &Folder::new();
     let whole = |name: &str, color, chromaticities| {
         write(&path.join(name), color, chromaticities, (0, 0), (16, 8), (16, 8));
         environment(&path.join(name), 0.0, 1.0).unwrap().pixels
@@ -77,8 +76,8 @@ fn colour_spaces_of_openexr_files_become_rec709() {
 
 #[test]
 fn the_environment_is_the_display_window() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = &folder.path().join("w.exr");
+    let folder = Folder::new();
+    let path = &folder.join("w.exr");
     for (position, size, lit) in
         [((9, 2), (4, 3), 12), ((-4, -2), (24, 12), 128), ((40, 40), (4, 2), 0), ((14, 7), (9, 9), 2)]
     {
@@ -97,9 +96,7 @@ fn the_environment_is_the_display_window() {
 
 #[test]
 fn radiance_pictures_of_other_programs_light_as_radiances_own() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
-    fs::write(path.join("s.glb"), glb::triangle()).unwrap();
+    let path = &Folder::new().with("s.glb", glb::triangle());
     // 16 x 8 pixels, one colour per row, without run lengths.
     let rows: Vec<u8> = (1..=8).flat_map(|row| [row * 20, 90, 200 - row * 20, 129].repeat(16)).collect();
     let old: Vec<u8> = rows.chunks(64).flat_map(|row| [&row[..4], &[1, 1, 1, 15]].concat()).collect();
@@ -126,9 +123,7 @@ fn radiance_pictures_of_other_programs_light_as_radiances_own() {
 
 #[test]
 fn pictures_in_other_primaries_say_so_and_are_read_back() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
-    fs::copy(scene("cornell.glb"), path.join("c.glb")).unwrap();
+    let path = &Folder::new().with_scene("c.glb", "cornell.glb");
     let line = "render c.glb --size 24x16 --spp 8 -q --aov all";
     expect(path, &format!("{line} -o a.exr --preview a.png"), 0);
     for (space, primaries) in [("acescg", AP1), ("rec2020", [0.708, 0.292, 0.170, 0.797, 0.131, 0.046, 0.3127, 0.3290])]
@@ -164,9 +159,7 @@ fn pictures_in_other_primaries_say_so_and_are_read_back() {
 
 #[test]
 fn a_lut_is_a_view_and_what_is_none_is_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
-    fs::copy(scene("cornell.glb"), path.join("c.glb")).unwrap();
+    let path = &Folder::new().with_scene("c.glb", "cornell.glb");
     fs::create_dir(path.join("looks")).unwrap();
     let invert = "# input space: rec709\nLUT_3D_SIZE 2\nDOMAIN_MAX 0.5 0.5 0.5\n\
                   1 1 1\n0 1 1\n1 0 1\n0 0 1\n1 1 0\n0 1 0\n1 0 0\n0 0 0\n";
@@ -206,8 +199,7 @@ fn a_lut_is_a_view_and_what_is_none_is_refused() {
         ("quiet.cube --view-space sepia", 64, "none of rec709"),
     ] {
         for line in ["develop a.exr -o x.png", "render c.glb -o x.exr --preview x.png"] {
-            let said = expect(path, &format!("{line} --view {view}"), code);
-            assert!(said.contains(why), "{view}: {said}");
+            says(path, &format!("{line} --view {view}"), code, why);
         }
     }
     assert!(expect(path, "develop a.exr -o looks/i.cube --view looks/i.cube", 64).contains(".png"));

@@ -14,7 +14,7 @@ use serde_json::Value;
 
 use crate::helpers::farm::{HOSTILE, kill, parent, status, succeeds, writer};
 use crate::helpers::glb;
-use crate::helpers::program::{assert_same_bits, bismar, expect, paths, signal, stderr};
+use crate::helpers::program::{Folder, assert_same_bits, bismar, expect, paths, read_json, signal, stderr};
 
 /// An `sbatch` that runs tasks at once, one after the other, as Slurm would: the script by bash, its arguments as they
 /// are, in the given folder.
@@ -44,27 +44,27 @@ const SQUEUE: &str = "#!/bin/sh\ncat $QUEUE\n";
 
 /// A folder with a scene, with programs that stand in for Slurm's.
 struct Site {
-    home: tempfile::TempDir,
+    home: Folder,
     folder: PathBuf,
 }
 
 impl Site {
     fn new(folder: &str) -> Self {
-        let home = tempfile::tempdir().unwrap();
-        let bin = home.path().join("bin");
+        let home = Folder::new();
+        let bin = home.join("bin");
         fs::create_dir(&bin).unwrap();
         for (name, script) in [("sbatch", SBATCH), ("scontrol", SCONTROL), ("squeue", SQUEUE)] {
             fs::write(bin.join(name), script).unwrap();
             fs::set_permissions(bin.join(name), fs::Permissions::from_mode(0o755)).unwrap();
         }
-        let folder = home.path().join(folder);
+        let folder = home.join(folder);
         fs::create_dir(&folder).unwrap();
         fs::write(folder.join("scene.glb"), glb::triangle()).unwrap();
         Self { home, folder }
     }
 
     fn file(&self, name: &str) -> PathBuf {
-        self.home.path().join(name)
+        self.home.join(name)
     }
 
     /// `bismar farm …` where these programs are Slurm's.
@@ -84,8 +84,13 @@ impl Site {
     #[track_caller]
     fn submit_only(&self, line: &str) {
         fs::write(self.file("hold"), "").unwrap();
+        self.submit_line(line);
+    }
+
+    #[track_caller]
+    fn submit_line(&self, line: &str) {
         let said = self.submit(&words(&line.split(' ').collect::<Vec<_>>()));
-        assert!(said.status.success(), "{}", stderr(&said));
+        assert!(said.status.success(), "{line}: {}", stderr(&said));
     }
 
     /// Begins a task as Slurm would, job 7.
@@ -133,7 +138,7 @@ impl Site {
         let text = stderr(&said);
         self.assert_nothing_ran();
         assert_eq!(said.status.code(), Some(code), "{arguments:?}: {text}");
-        assert!(!self.home.path().join("calls").exists(), "{arguments:?} was submitted");
+        assert!(!self.home.join("calls").exists(), "{arguments:?} was submitted");
         // Nor does it reach a terminal as it is.
         assert!(text.trim_end().chars().all(|c| !c.is_control()), "{text:?}");
         text
@@ -142,7 +147,7 @@ impl Site {
     /// Names of hostile files are `touch X` in some shell's eyes.
     #[track_caller]
     fn assert_nothing_ran(&self) {
-        let folders = [self.home.path(), &self.folder].map(Path::to_owned);
+        let folders = [&*self.home, &self.folder].map(Path::to_owned);
         let below = fs::read_dir(&self.folder).unwrap().map(|entry| entry.unwrap().path());
         for folder in folders.into_iter().chain(below) {
             assert!(!folder.join("X").exists(), "a name was run in {}", folder.display());
@@ -216,8 +221,7 @@ fn any_other_name_travels_as_it_is() {
         let job = format!("[[job]]\nscene = 'scene.glb'\nsize = '40x20'\nspp = 2\nname = '''{name}'''\n");
         let other = "[[job]]\nscene = 'scene.glb'\nname = 'no camera'\ncamera = '$(touch X)`touch X`;touch X'\n";
         fs::write(site.folder.join("jobs.toml"), job + other).unwrap();
-        let said = site.submit(&words(&["jobs.toml", "--parts", "2", "--memory", "1G"]));
-        assert!(said.status.success(), "{folder}: {}", stderr(&said));
+        site.submit_line("jobs.toml --parts 2 --memory 1G");
         site.assert_nothing_ran();
         expect(&site.folder, "render scene.glb --size 40x20 --spp 2 -o whole.exr -q", 0);
         assert_same_bits(&site.folder.join("whole.exr"), &site.folder.join(format!("{name}.exr")));
@@ -230,8 +234,7 @@ fn any_other_name_travels_as_it_is() {
 #[test]
 fn a_task_is_an_entry_of_its_plan() {
     let site = Site::new("shots");
-    let said = site.submit(&words(&["scene.glb", "--parts", "2", "--", "--size", "40x20", "--spp", "2"]));
-    assert!(said.status.success(), "{}", stderr(&said));
+    site.submit_line("scene.glb --parts 2 -- --size 40x20 --spp 2");
     let plan = site.folder.join("scene.farm/farm.json");
     for (line, code) in [
         ("farm task 1 --plan scene.farm/farm.json", 0),
@@ -246,7 +249,7 @@ fn a_task_is_an_entry_of_its_plan() {
         expect(&site.folder, line, code);
     }
     // Whatever a plan says, its tasks render and its merges merge.
-    let good: serde_json::Value = serde_json::from_slice(&fs::read(&plan).unwrap()).unwrap();
+    let good = read_json(&plan);
     for command in [vec![], vec!["touch"], vec!["touch", "X"], vec!["bismar", "farm", "task", "1"]]
         .into_iter()
         .chain(["--on-checkpoint=touch X", "--tev=localhost:1"].map(|flag| vec!["bismar", "render", "scene.glb", flag]))
@@ -431,16 +434,12 @@ fn of_two_submissions_at_once_the_second_is_told_and_changes_nothing() {
 #[test]
 fn status_asks_the_plan_and_not_the_file() {
     let site = Site::new("shots");
-    let submit = |line: &str| {
-        let said = site.submit(&words(&line.split(' ').collect::<Vec<_>>()));
-        assert!(said.status.success(), "{}", stderr(&said));
-    };
     let flags = "--parts 2 -- --size 40x20 -o out.exr --spp";
     let states = |of: &str| {
         let status = site.status();
         status[of].as_array().unwrap().iter().map(|s| s["state"].as_str().unwrap().to_owned()).collect::<Vec<_>>()
     };
-    submit(&format!("scene.glb {flags} 4"));
+    site.submit_line(&format!("scene.glb {flags} 4"));
     site.assert_state("done", "");
     assert_eq!((states("tasks"), states("merges")), (vec!["done".into(); 2], vec!["done".into()]));
     // The same with a higher goal, which nobody begins: the parts have a sixteenth of it, and the picture is not it.
@@ -489,10 +488,7 @@ fn frames_on_a_farm_are_those_of_one_machine() {
     for (parts, chunk, tasks) in [(1, 1, 5), (1, 2, 5), (2, 1, 10), (2, 3, 10)] {
         let out = format!("out-{parts}-{chunk}");
         let line = format!("moving.glb --parts {parts} --chunk {chunk} --folder f-{out} -- --frames 1-5 {flags}");
-        let mut line: Vec<_> = line.split(' ').map(str::to_owned).collect();
-        line.extend(["-o".into(), format!("{out}/a.####.exr"), "--preview".into(), format!("{out}/a.####.png")]);
-        let said = site.submit(&line.iter().map(Into::into).collect::<Vec<_>>());
-        assert!(said.status.success(), "{}", stderr(&said));
+        site.submit_line(&format!("{line} -o {out}/a.####.exr --preview {out}/a.####.png"));
         for frame in 1..=5 {
             let name = format!("a.000{frame}.exr");
             assert_same_bits(&path.join("whole").join(&name), &path.join(&out).join(&name));
@@ -511,8 +507,7 @@ fn frames_on_a_farm_are_those_of_one_machine() {
     let file = "[[job]]\nscene = 'moving.glb'\nframes = '1-3'\nsize = '40x30'\nspp = 4\nfps = 10\n\
                 output = 'b/x.####.exr'\n";
     fs::write(path.join("jobs.toml"), file).unwrap();
-    let said = site.submit(&words(&["jobs.toml", "--chunk", "3"]));
-    assert!(said.status.success(), "{}", stderr(&said));
+    site.submit_line("jobs.toml --chunk 3");
     let status = status(path, "jobs.farm");
     let states: Vec<_> = status["tasks"].as_array().unwrap().iter().map(|t| t["state"].clone()).collect();
     assert_eq!(states, ["done", "failed", "done"], "{status:#}");
@@ -530,9 +525,7 @@ fn frames_on_a_farm_are_those_of_one_machine() {
 
 #[test]
 fn a_task_is_begun_once_and_its_plan_stays_and_a_merge_that_waits_can_be_stopped() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
-    fs::write(path.join("s.glb"), glb::triangle()).unwrap();
+    let path = &Folder::new().with("s.glb", glb::triangle());
     let submit = |spp: u32| {
         format!("farm submit s.glb --parts 2 --format plan --folder farm -- --size 64x64 --noise 1e-9 --spp {spp}")
     };

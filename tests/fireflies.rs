@@ -1,20 +1,15 @@
 //! Bright paths are found and can be limited; light that is no number is left out, and reported.
 
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 use bismar::integrator::scalar::EventKind;
 use bismar::rays::Backend;
-use bismar::render::{Balance, Choice, Fireflies, RenderSettings, Rendered, Technique, render, replay};
+use bismar::render::{Balance, Choice, Fireflies, RenderSettings, Rendered, Technique, replay};
 use bismar::scene::{Environment, Scene};
 use glam::Vec3;
 
-use crate::helpers::program::{bismar, expect, scene, stderr};
+use crate::helpers::program::{Folder, expect, read_json, scene, stdout};
 use crate::helpers::stage::{Stage, area_light, hall, lambert, look, rectangle};
-
-fn rendered(stage: &Stage, settings: &RenderSettings) -> Rendered {
-    render(&stage.scene, settings, &AtomicBool::new(false), &|_| ()).unwrap()
-}
 
 fn mean(rendered: &Rendered) -> f64 {
     rendered.film().pixels.iter().map(|p| p.sum[1]).sum()
@@ -29,9 +24,9 @@ fn settings() -> RenderSettings {
 #[test]
 fn a_limit_that_nothing_reaches_changes_no_bit_and_lower_ones_take_light_away() {
     let stage = Stage::new(hall(), Backend::Embree);
-    let free = rendered(&stage, &settings());
+    let free = stage.render(&settings());
     let of = |direct, indirect| {
-        rendered(&stage, &RenderSettings { clamp_direct: direct, clamp_indirect: indirect, ..settings() })
+        stage.render(&RenderSettings { clamp_direct: direct, clamp_indirect: indirect, ..settings() })
     };
     assert_eq!(format!("{:?}", of(Some(1e9), Some(1e9)).film()), format!("{:?}", free.film()));
     let (all, direct, indirect) = (mean(&free), mean(&of(Some(0.05), None)), mean(&of(None, Some(0.01))));
@@ -48,7 +43,7 @@ fn light_beyond_all_numbers_is_left_out_counted_and_found_again() {
     rectangle(&mut scene, 0.5, [-0.2, 0.2], [-0.2, 0.2], false, area_light(3e38));
     look(&mut scene, Vec3::new(0.0, 1.2, 4.0), Vec3::new(0.0, 0.2, 0.0), 0.6);
     let stage = Stage::new(Arc::new(scene), Backend::Embree);
-    let found = rendered(&stage, &settings());
+    let found = stage.render(&settings());
     assert!(found.film().pixels.iter().all(|p| p.mean().iter().all(|x| x.is_finite())));
     let [x, y, path] = found.stats.first_not_finite.unwrap();
     assert!(found.stats.not_finite > 0 && x < SMALL.0 && y < SMALL.1 && path < 32);
@@ -64,19 +59,16 @@ fn light_beyond_all_numbers_is_left_out_counted_and_found_again() {
 
 #[test]
 fn the_brightest_firefly_is_the_path_that_replaying_shows() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
     let line = format!("render {} --size 60x40 --spp 16 --seed 3 -o a.exr", scene("veach.glb").display());
-    let said = expect(folder.path(), &format!("{line} --stats s.json"), 0);
-    let stats: serde_json::Value =
-        serde_json::from_slice(&std::fs::read(folder.path().join("s.json")).unwrap()).unwrap();
+    let said = expect(&folder, &format!("{line} --stats s.json"), 0);
+    let stats = read_json(&folder.join("s.json"));
     let brightest = &stats["fireflies"]["brightest"][0];
     let [x, y, path] = ["x", "y", "path"].map(|key| brightest[key].as_u64().unwrap());
     let replay = format!("--spp 16 --seed 3 --replay-pixel {x},{y},{path}");
     assert!(said.contains(&format!("the brightest by {replay}")), "{said}");
     let again = format!("render {} --size 60x40 {replay}", scene("veach.glb").display());
-    let output = bismar(folder.path()).args(again.split(' ')).output().unwrap();
-    assert!(output.status.success(), "{}", stderr(&output));
-    let listed = String::from_utf8(output.stdout).unwrap();
+    let listed = stdout(&folder, &again, 0);
     // `pixel 3,4 path 5: [r, g, b]`
     let values = listed.lines().next().unwrap().split('[').nth(1).unwrap().trim_end_matches(']').to_owned();
     let rgb: Vec<f32> = values.split(", ").map(|x| x.parse().unwrap()).collect();
@@ -100,7 +92,7 @@ fn replaying_takes_the_passes_that_tiles_took_for_themselves() {
     ]
     .map(of)
     {
-        let film = render(&stage.scene, &settings, &AtomicBool::new(false), &|_| ()).unwrap().film();
+        let film = stage.render(&settings).film();
         let mut lends = false;
         for [x, y] in [[0u32, 0], [7, 9], [13, 2], [17, 17]] {
             let stats = &film.pixels[(y * 20 + x) as usize];

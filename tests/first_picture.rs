@@ -17,7 +17,7 @@ use bismar::scene::{Environment, Material, Scene, TextureSlot};
 use glam::Vec3;
 
 use crate::helpers::gltf_parts::{Parts, floats, scene_file};
-use crate::helpers::program::{assert_same_bits, bismar, bits, expect, scene};
+use crate::helpers::program::{Folder, assert_same_bits, bits, expect, says, stdout};
 use crate::helpers::stage::{Stage, rectangle};
 
 /// Two triangles side by side, seen by a camera in front: the first of material 0, the second of material 1.
@@ -41,9 +41,9 @@ const DISPLAY: &str = r#"{},{"emissiveFactor":[1,1,1]}"#;
 
 #[test]
 fn a_display_that_lights_nothing_does_not_switch_the_default_light_off() {
-    let folder = tempfile::tempdir().unwrap();
-    let said = |flags: &str| expect(folder.path(), &format!("render a.gltf --size 24x18 --spp 2 {flags}"), 0);
-    write(folder.path(), &two(DISPLAY));
+    let folder = Folder::new();
+    let said = |flags: &str| expect(&folder, &format!("render a.gltf --size 24x18 --spp 2 {flags}"), 0);
+    write(&folder, &two(DISPLAY));
     let text = said("");
     assert!(text.contains("its own light reaches 0 of") && text.contains("studio light is added"), "{text}");
     assert!(!text.contains(" is black "), "{text}");
@@ -51,34 +51,32 @@ fn a_display_that_lights_nothing_does_not_switch_the_default_light_off() {
     let text = said("--no-env");
     assert!(!text.contains("studio"), "{text}");
     // A picture that shines all over needs no light.
-    write(folder.path(), &two(r#"{"emissiveFactor":[1,1,1]},{"emissiveFactor":[1,1,1]}"#));
+    write(&folder, &two(r#"{"emissiveFactor":[1,1,1]},{"emissiveFactor":[1,1,1]}"#));
     assert!(!said("").contains("studio"));
     let inspected = |materials: &str| {
-        write(folder.path(), &two(materials));
-        let output = bismar(folder.path()).args(["inspect", "a.gltf", "--json"]).output().unwrap();
-        serde_json::from_slice::<serde_json::Value>(&output.stdout).unwrap()
+        write(&folder, &two(materials));
+        serde_json::from_str::<serde_json::Value>(&stdout(&folder, "inspect a.gltf --json", 0)).unwrap()
     };
     let found = inspected(DISPLAY);
     assert_eq!((&found["default_light"], &found["own_light"]["lit"]), (&true.into(), &0.into()));
     let found = inspected("{},{}");
     assert_eq!((&found["default_light"], &found["own_light"]), (&true.into(), &serde_json::Value::Null));
-    write(folder.path(), &two(DISPLAY));
-    assert!(expect(folder.path(), "inspect a.gltf", 0).is_empty());
+    write(&folder, &two(DISPLAY));
+    assert!(expect(&folder, "inspect a.gltf", 0).is_empty());
 }
 
 #[test]
 fn the_default_light_is_the_same_for_parts_crops_threads_and_seeds() {
-    let folder = tempfile::tempdir().unwrap();
-    write(folder.path(), &two(DISPLAY));
+    let folder = Folder::new();
+    write(&folder, &two(DISPLAY));
     let line = "render a.gltf --size 40x30 --spp 4 -q";
     for (flags, name) in [("--threads 1", "one"), ("--threads 2", "two"), ("--part 1/2", "p1"), ("--part 2/2", "p2")] {
-        expect(folder.path(), &format!("{line} {flags} -o {name}.exr"), 0);
+        expect(&folder, &format!("{line} {flags} -o {name}.exr"), 0);
     }
-    expect(folder.path(), "merge p1.exr p2.exr -o merged.exr -q", 0);
-    assert_eq!(bits(&folder.path().join("one.exr")), bits(&folder.path().join("two.exr")));
-    assert_eq!(bits(&folder.path().join("one.exr")), bits(&folder.path().join("merged.exr")));
-    let text = expect(folder.path(), "render a.gltf --size 7x90 --spp 1 --seed 9 --crop 2,3,4,5", 0);
-    assert!(text.contains("studio light is added"), "{text}");
+    expect(&folder, "merge p1.exr p2.exr -o merged.exr -q", 0);
+    assert_eq!(bits(&folder.join("one.exr")), bits(&folder.join("two.exr")));
+    assert_eq!(bits(&folder.join("one.exr")), bits(&folder.join("merged.exr")));
+    says(&folder, "render a.gltf --size 7x90 --spp 1 --seed 9 --crop 2,3,4,5", 0, "studio light is added");
 }
 
 /// A floor under a lamp, in a room or not.
@@ -211,44 +209,40 @@ fn any_set_of_texture_coordinates_that_a_texture_names_is_loaded() {
 #[test]
 fn a_git_lfs_pointer_is_named_as_such() {
     let pointer = "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n";
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
     let told = |file: &str, code| {
-        fs::write(folder.path().join(file), pointer).unwrap();
-        let text = expect(folder.path(), "render a.gltf --size 8x8 --spp 1", code);
+        fs::write(folder.join(file), pointer).unwrap();
+        let text = expect(&folder, "render a.gltf --size 8x8 --spp 1", code);
         assert!(text.contains("Git LFS pointer") && text.contains("git lfs pull") && text.contains(file), "{text}");
     };
     told("a.gltf", 65);
     let json = Parts::default().json();
     let start = json.find("\"data:").unwrap();
     let end = start + 1 + json[start + 1..].find('"').unwrap() + 1;
-    write(folder.path(), &format!("{}\"a.bin\"{}", &json[..start], &json[end..]));
+    write(&folder, &format!("{}\"a.bin\"{}", &json[..start], &json[end..]));
     told("a.bin", 65);
 }
 
 #[test]
 fn a_scene_without_a_triangle_says_so() {
-    let folder = tempfile::tempdir().unwrap();
-    fs::write(
-        folder.path().join("a.gltf"),
-        r#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{}]}"#,
-    )
-    .unwrap();
-    let text = expect(folder.path(), "render a.gltf --size 8x8 --spp 1", 0);
-    assert!(text.contains("has no triangle to show"), "{text}");
+    let folder = Folder::new();
+    fs::write(folder.join("a.gltf"), r#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{}]}"#)
+        .unwrap();
+    says(&folder, "render a.gltf --size 8x8 --spp 1", 0, "has no triangle to show");
 }
 
 #[test]
 fn lights_in_watts_are_told_by_the_picture() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
     let lit = |candela: f64| {
         let more = format!(
             r#","extensionsUsed":["KHR_lights_punctual"],
             "extensions":{{"KHR_lights_punctual":{{"lights":[{{"type":"directional","intensity":{candela}}}]}}}}"#
         );
         let nodes = r#"[{"mesh":0,"extensions":{"KHR_lights_punctual":{"light":0}}}]"#.into();
-        write(folder.path(), &Parts { nodes, more, ..Default::default() }.json());
+        write(&folder, &Parts { nodes, more, ..Default::default() }.json());
     };
-    let said = |flags: &str| expect(folder.path(), &format!("render a.gltf --size 16x12 --spp 2 {flags}"), 0);
+    let said = |flags: &str| expect(&folder, &format!("render a.gltf --size 16x12 --spp 2 {flags}"), 0);
     lit(683.0);
     assert!(said("").contains("--light-unit watt"));
     assert!(!said("--light-unit watt").contains("luminance"));
@@ -258,10 +252,8 @@ fn lights_in_watts_are_told_by_the_picture() {
 
 #[test]
 fn a_preset_is_the_flags_that_its_help_says_and_given_flags_win() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
-    fs::copy(scene("cornell.glb"), path.join("c.glb")).unwrap();
-    let help = String::from_utf8(bismar(path).args(["render", "--help"]).output().unwrap().stdout).unwrap();
+    let path = &Folder::new().with_scene("c.glb", "cornell.glb");
+    let help = stdout(path, "render --help", 0);
     for (preset, flags, own, rest) in [
         (
             "thumbnail",

@@ -212,7 +212,7 @@ fn each_color_is_bent_by_its_own_index() {
             stage.mean_channel(&RenderSettings { seed, ..settings.clone() }, replicas, channel)
         };
         let (one, all) = (mean(&alone, 0, 60), mean(&together, 5000, 120));
-        let z = (one.mean - all.mean) / one.standard_error().hypot(all.standard_error());
+        let z = one.z_to(&all);
         assert!(z.abs() < z_limit(3), "{channel}: {} alone, {} together, z = {z}", one.mean, all.mean);
         // The test distinguishes the indices.
         let other = mean(&ball(1.5 + 0.1 * (channel as f32 - 1.0) + 0.1, 0.0), 0, 60);
@@ -229,7 +229,7 @@ fn all_balances_agree_on_a_hall_with_glass() {
         .mean_green(&RenderSettings { balance: Balance::Half, seed: 900_000, spp: Some(128), ..settings.clone() }, 100);
     for balance in BALANCES {
         let mean = stage.mean_green(&RenderSettings { balance, ..settings.clone() }, 200);
-        let z = (mean.mean - reference.mean) / mean.standard_error().hypot(reference.standard_error());
+        let z = mean.z_to(&reference);
         assert!(z.abs() < z_limit(BALANCES.len()), "{balance:?}: {} for {}, z = {z}", mean.mean, reference.mean);
     }
 }

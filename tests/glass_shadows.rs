@@ -9,9 +9,9 @@ use bismar::scene::{Environment, Material, PunctualKind, Scene};
 use glam::{DVec3, Vec3};
 
 use crate::closed_forms::{BALANCES, polygon_irradiance, settings};
-use crate::helpers::stage::{Stage, area_light, closed_box, glass, lambert, look, rectangle};
+use crate::helpers::stage::{Stage, area_light, closed_box, glass, lambert, look, punctual, rectangle};
 use crate::helpers::statistics::z_limit;
-use crate::thin_walls::{LIGHT, floor_under, irradiance, left, pane, punctual};
+use crate::thin_walls::{LIGHT, floor_under, irradiance, left, pane};
 
 /// Renders with every balance and backend, with straight shadows; all must agree with `expected`.
 fn agrees(scene: Scene, expected: f64, integrator: Integrator) {

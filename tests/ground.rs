@@ -1,21 +1,19 @@
 //! `--ground shadow`: alpha is what the scene takes from the light of the ground, against renders of a floor with and without
 //! the scene.
 
-use std::fs;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 use bismar::film::Pixels;
 use bismar::rays::Backend;
-use bismar::render::{Ground, Integrator, RenderSettings, Rendered, render};
+use bismar::render::{Ground, Integrator, RenderSettings, Rendered};
 use bismar::scene::{Environment, PunctualKind, PunctualLight, Scene};
 use glam::Vec3;
 
 use crate::closed_forms::settings;
-use crate::helpers::program::{assert_same_bits, bits, expect, scene};
-use crate::helpers::stage::{Stage, area_light, closed_box, lambert, look, rectangle};
+use crate::helpers::program::{Folder, assert_same_bits, channel, expect};
+use crate::helpers::stage::{Stage, area_light, closed_box, lambert, look, punctual, rectangle};
 use crate::helpers::statistics::{Mean, z_limit};
-use crate::thin_walls::{pane, punctual};
+use crate::thin_walls::pane;
 
 /// Lights of a test.
 #[derive(Debug, Clone, Copy)]
@@ -49,10 +47,6 @@ fn stage(lit: Lights, has_floor: bool, has_objects: bool) -> Stage {
     Stage::new(Arc::new(scene), Backend::Embree)
 }
 
-fn rendered(stage: &Stage, settings: &RenderSettings) -> Rendered {
-    render(&stage.scene, settings, &AtomicBool::new(false), &|_| ()).unwrap()
-}
-
 #[test]
 fn alpha_is_the_difference_of_two_renders_over_the_light() {
     for lit in [Lights::Environment, Lights::Lamps, Lights::All] {
@@ -68,7 +62,7 @@ fn alpha_is_the_difference_of_two_renders_over_the_light() {
             let of = |stage: &Stage, number: u32, ground: Ground| {
                 let integrator = Integrator::Direct;
                 let (width, height, spp, seed) = (8, 6, Some(2048), 3000 * number + replica);
-                rendered(stage, &RenderSettings { width, height, spp, seed, ground, integrator, ..settings() })
+                stage.render(&RenderSettings { width, height, spp, seed, ground, integrator, ..settings() })
             };
             let catcher = of(&catcher, 0, Ground::Shadow);
             let with = of(&with, 1, Ground::None);
@@ -104,7 +98,7 @@ fn a_point_that_sees_the_lamp_has_no_alpha_and_one_that_does_not_is_black() {
     look(&mut scene, Vec3::new(0.0, 6.0, 8.0), Vec3::new(0.0, 0.0, 1.2), 0.6);
     let stage = Stage::new(Arc::new(scene), Backend::Embree);
     let settings = RenderSettings { width: 40, height: 30, ground: Ground::Shadow, ..settings() };
-    let rendered = rendered(&stage, &settings);
+    let rendered = stage.render(&settings);
     let (mut clear, mut dark, mut between) = (0, 0, 0);
     for (x, y) in (0..30).flat_map(|y| (0..40).map(move |x| (x, y))) {
         let (stats, sums) = rendered.pixels().at(x, y);
@@ -124,17 +118,10 @@ fn a_point_that_sees_the_lamp_has_no_alpha_and_one_that_does_not_is_black() {
 
 #[test]
 fn shadows_are_in_files_previews_parts_and_resumed_pictures() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
-    fs::copy(scene("cornell.glb"), path.join("c.glb")).unwrap();
+    let path = &Folder::new().with_scene("c.glb", "cornell.glb");
     let line = "render c.glb --orbit 40,30,2.5 --size 48x36 --sky --ground shadow -q";
     expect(path, &format!("{line} --spp 256 -o whole.exr --preview whole.png"), 0);
-    let channels = bits(&path.join("whole.exr"));
-    let of = |name: &str| -> Vec<f32> {
-        let (_, bits) = channels.iter().find(|(other, _)| other == name).unwrap();
-        bits.iter().map(|bits| f32::from_bits(*bits)).collect()
-    };
-    let (alpha, green) = (of("A"), of("G"));
+    let [alpha, green] = ["A", "G"].map(|name| channel(&path.join("whole.exr"), name));
     let shadow = alpha.iter().zip(&green).filter(|(a, g)| **a > 0.05 && **a < 1.0 && **g == 0.0).count();
     assert!(shadow > 200 && alpha.iter().all(|a| (0.0..=1.0).contains(a)), "{shadow}");
     let png = image::open(path.join("whole.png")).unwrap().into_rgba8();

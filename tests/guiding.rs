@@ -11,7 +11,7 @@ use bismar::lanes::{F, LANES, V3, mask};
 use bismar::rays::Backend;
 use bismar::render::prepass::guiding::{GuidingLearner, learned};
 use bismar::render::{
-    Balance, Choice, Part, RenderSettings, Rendered, RunOptions, Saved, StudyOptions, Technique, render, run, transport,
+    Balance, Choice, Part, RenderSettings, Rendered, RunOptions, Saved, StudyOptions, Technique, run, transport,
 };
 use bismar::sampling::{SplitMix64, warp};
 use bismar::scene::{Material, Scene, build};
@@ -133,10 +133,6 @@ fn compared(stage: &Stage, settings: &RenderSettings, field: &Field, replicas: u
     means
 }
 
-fn z([a, b]: &[Mean; 2]) -> f64 {
-    (a.mean - b.mean) / (a.standard_error().powi(2) + b.standard_error().powi(2)).sqrt()
-}
-
 #[test]
 fn a_field_of_lies_changes_no_mean() {
     // What fields learn in bad luck: a caustic from one side, light from below alone, one firefly among nothing, a light
@@ -177,7 +173,8 @@ fn a_field_of_lies_changes_no_mean() {
         for (i, field) in fields.iter().enumerate() {
             let means = compared(&stage, &settings, field, 40);
             // Fifteen tests of about normal means: a false alarm in 10⁴.
-            assert!(z(&means).abs() < 4.5, "{name}, field {i}: {} {}, z {}", means[0].mean, means[1].mean, z(&means));
+            let z = means[0].z_to(&means[1]);
+            assert!(z.abs() < 4.5, "{name}, field {i}: {} {}, z {z}", means[0].mean, means[1].mean);
         }
     }
 }
@@ -189,7 +186,7 @@ fn a_field_that_was_learned_changes_no_mean_and_takes_noise_away() {
     let unguided = transport(&stage.scene, &settings);
     let learned = learned(&stage.scene, &settings, &unguided, &AtomicBool::new(false)).unwrap();
     let means = compared(&stage, &settings, learned.field.as_ref().unwrap(), 60);
-    assert!(z(&means).abs() < 4.5, "{} {}", means[0].mean, means[1].mean);
+    assert!(means[0].z_to(&means[1]).abs() < 4.5, "{} {}", means[0].mean, means[1].mean);
     // Of 60 replicas each, a ratio of variances below 0.75 by chance alone is 1 in 7; that the field takes half is seen.
     let [without, with] = means.map(|mean| mean.standard_error().powi(2));
     assert!(with < 0.75 * without, "{with} {without}");
@@ -228,7 +225,7 @@ fn a_room_behind_blinds_is_guided() {
     let (estimated, learned) = estimated_and_decided(&stage);
     assert!(estimated > 0.25, "{estimated}: nothing was in doubt");
     let means = compared(&stage, &settings(Choice::Off), learned.field.as_ref().expect("a field"), 240);
-    assert!(z(&means).abs() < 4.5, "{} {}", means[0].mean, means[1].mean);
+    assert!(means[0].z_to(&means[1]).abs() < 4.5, "{} {}", means[0].mean, means[1].mean);
     let [without, with] = means.map(|mean| mean.standard_error().powi(2));
     assert!(with < 0.75 * without, "{with} {without} {:?}", learned.stats);
 }
@@ -287,13 +284,8 @@ fn nothing_is_learned_where_nothing_shines() {
     let stage = Stage::new(Arc::new(scene), Backend::Obvhs);
     assert!(stage.green(&settings(Choice::On)).iter().all(|g| g.is_finite() && *g < 1e-20));
     let automatic = RenderSettings { spp: Some(16), ..settings(Choice::Auto) };
-    let rendered = render(&stage.scene, &automatic, &AtomicBool::new(false), &|_| ()).unwrap();
+    let rendered = stage.render(&automatic);
     assert!(!rendered.stats.techniques[Technique::Guiding].unwrap().on);
-}
-
-fn on_threads(stage: &Stage, settings: &RenderSettings, threads: usize) -> Rendered {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-    pool.install(|| render(&stage.scene, settings, &AtomicBool::new(false), &|_| ()).unwrap())
 }
 
 #[test]
@@ -306,22 +298,22 @@ fn a_guided_picture_has_the_same_bits_on_any_threads_in_any_window_and_part() {
         let place = move |i: usize| (x0 + i as u32 % (x1 - x0), y0 + i as u32 / (x1 - x0));
         film.pixels.iter().enumerate().map(|(i, p)| (place(i), p.sum)).collect::<Vec<_>>()
     };
-    let one = on_threads(&stage, &settings, 1);
+    let one = stage.render_on(1, &settings);
     assert!(one.stats.techniques[Technique::Guiding].unwrap().on);
-    assert_eq!(sums(&one), sums(&on_threads(&stage, &settings, 3)));
+    assert_eq!(sums(&one), sums(&stage.render_on(3, &settings)));
     let whole = sums(&one);
     let crop = RenderSettings { crop: Some([17, 3, 33, 20]), ..settings.clone() };
-    for (at, sum) in sums(&on_threads(&stage, &crop, 2)) {
+    for (at, sum) in sums(&stage.render_on(2, &crop)) {
         assert_eq!(whole.iter().find(|pixel| pixel.0 == at).unwrap().1, sum, "{at:?}");
     }
     let part: Part = "2/3".parse().unwrap();
-    let part = on_threads(&stage, &RenderSettings { part: Some(part), ..settings.clone() }, 2);
+    let part = stage.render_on(2, &RenderSettings { part: Some(part), ..settings.clone() });
     for tile in &part.tiles {
         let same = one.tiles.iter().find(|other| other.grid_position() == tile.grid_position()).unwrap();
         assert!((0..tile.pixels()).all(|i| tile.at(i).0.sum == same.at(i).0.sum));
     }
     let unguided = settings.with(Technique::Guiding, Choice::Off);
-    assert_ne!(whole, sums(&on_threads(&stage, &unguided, 2)));
+    assert_ne!(whole, sums(&stage.render_on(2, &unguided)));
 }
 
 #[test]
@@ -335,7 +327,7 @@ fn a_guided_picture_that_is_gone_on_with_has_the_bits_of_one_in_one_go() {
     assert!((0..tiles[0].pixels()).all(|i| tiles[0].at(i).0.samples < 32));
     let from = Some(Saved { tiles, stats, goals });
     let options = RunOptions { from, ..RunOptions::new(&stop, &|_| ()) };
-    let (parts, whole) = (run(&stage.scene, &longer, options).unwrap(), on_threads(&stage, &longer, 2));
+    let (parts, whole) = (run(&stage.scene, &longer, options).unwrap(), stage.render_on(2, &longer));
     for (a, b) in parts.tiles.iter().zip(&whole.tiles) {
         assert!((0..a.pixels()).all(|i| a.at(i).0.samples == 32 && a.at(i).0.sum == b.at(i).0.sum));
     }

@@ -5,7 +5,7 @@ use bismar::scene::{AlphaMode, Projection, PunctualKind, Scene, TextureSlot};
 use glam::{Vec2, Vec3};
 
 use crate::helpers::gltf_parts::{Parts, TRIANGLE, floats, scene_file};
-use crate::helpers::skipped::skipped;
+use crate::helpers::shared;
 
 fn scene(parts: Parts) -> Scene {
     parts.import().unwrap().scene
@@ -163,19 +163,12 @@ fn sparse_elements_replace_the_base() {
 
 #[test]
 fn default_morph_weights_are_applied() {
-    let parts = with(
-        floats(&[0.0, 0.0, 2.0].repeat(3)),
-        &accessor(36, 5126, 3, "VEC3", false),
-        r#"{"attributes":{"POSITION":0},"targets":[{"POSITION":1}]}"#,
-    );
-    let mut parts = Parts { nodes: r#"[{"mesh":0,"weights":[0.5]}]"#.into(), ..parts };
-    assert_eq!(scene(parts).meshes[0].positions[1], [1.0, 0.0, 1.0]);
-    parts = with(
-        floats(&[0.0, 0.0, 2.0].repeat(3)),
-        &accessor(36, 5126, 3, "VEC3", false),
-        r#"{"attributes":{"POSITION":0},"targets":[{"POSITION":1}]}"#,
-    );
-    assert_eq!(scene(parts).meshes[0].positions[1], [1.0, 0.0, 0.0]);
+    for (nodes, second) in [(r#"[{"mesh":0,"weights":[0.5]}]"#, [1.0, 0.0, 1.0]), (r#"[{"mesh":0}]"#, [1.0, 0.0, 0.0])]
+    {
+        let primitive = r#"{"attributes":{"POSITION":0},"targets":[{"POSITION":1}]}"#;
+        let parts = with(floats(&[0.0, 0.0, 2.0].repeat(3)), &accessor(36, 5126, 3, "VEC3", false), primitive);
+        assert_eq!(scene(Parts { nodes: nodes.into(), ..parts }).meshes[0].positions[1], second);
+    }
 }
 
 #[test]
@@ -435,13 +428,9 @@ fn required_extensions_that_are_unknown_are_refused_by_name() {
 
 #[test]
 fn generated_tangents_agree_with_those_that_exporters_wrote() {
-    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/gltf/materials");
-    if !folder.exists() {
-        assert!(std::env::var("CI").as_deref() != Ok("true"), "{} is missing", folder.display());
-        return skipped(&format!("{} is missing", folder.display()));
-    }
+    let Some(folder) = shared::folder() else { return };
     for name in ["ClearCoatTest/ClearCoatTest.glb", "AlphaBlendModeTest/AlphaBlendModeTest.glb"] {
-        let bytes = std::fs::read(folder.join(name)).unwrap();
+        let bytes = std::fs::read(folder.join("materials").join(name)).unwrap();
         // Renamed, the attribute is an application's own and is not read.
         let at = bytes.windows(9).position(|w| w == b"\"TANGENT\"").unwrap();
         let mut without = bytes.clone();
@@ -472,12 +461,9 @@ fn generated_tangents_agree_with_those_that_exporters_wrote() {
 
 #[test]
 fn texture_transforms_turn_as_khronos_test_model_shows() {
-    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/gltf/materials/TextureTransformTest");
-    if !folder.exists() {
-        assert!(std::env::var("CI").as_deref() != Ok("true"), "{} is missing", folder.display());
-        return skipped(&format!("{} is missing", folder.display()));
-    }
-    let scene = import(&folder.join("TextureTransformTest.gltf"), &ImportOptions::default()).unwrap().scene;
+    let Some(folder) = shared::folder() else { return };
+    let path = folder.join("materials/TextureTransformTest/TextureTransformTest.gltf");
+    let scene = import(&path, &ImportOptions::default()).unwrap().scene;
     let rotation = scene.materials.iter().find(|m| m.name == "Rotation").unwrap();
     let transform = rotation.textures[TextureSlot::BaseColor].as_ref().unwrap().transform.unwrap();
     // The model marks where the arrow's tip must show, where it shows when the extension is not there, and where with
@@ -523,12 +509,8 @@ fn a_file_that_is_named_twice_counts_once() {
 
 #[test]
 fn an_opened_environment_stays_what_it_was() {
-    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/gltf/env");
-    if !folder.exists() {
-        assert!(std::env::var("CI").as_deref() != Ok("true"), "{} is missing", folder.display());
-        return skipped(&format!("{} is missing", folder.display()));
-    }
-    let bytes = std::fs::read(folder.join("studio_small_03_1k/studio_small_03_1k.hdr")).unwrap();
+    let Some(folder) = shared::folder() else { return };
+    let bytes = std::fs::read(folder.join("env/studio_small_03_1k/studio_small_03_1k.hdr")).unwrap();
     let (_folder, path) = scene_file("sky.hdr", &bytes);
     let file = EnvironmentFile::open(&path).unwrap();
     std::fs::write(&path, "no picture").unwrap();
@@ -538,17 +520,14 @@ fn an_opened_environment_stays_what_it_was() {
 
 #[test]
 fn environments_load_and_others_are_refused() {
-    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/gltf/env");
-    if folder.exists() {
-        let sky = environment(&folder.join("studio_small_03_1k/studio_small_03_1k.hdr"), 90.0, 2.0).unwrap();
+    if let Some(folder) = shared::folder() {
+        let sky = environment(&folder.join("env/studio_small_03_1k/studio_small_03_1k.hdr"), 90.0, 2.0).unwrap();
         assert_eq!((sky.width, sky.height, sky.pixels.len()), (1024, 512, 1024 * 512));
         assert_eq!((sky.rotation, sky.strength), (std::f32::consts::FRAC_PI_2, 2.0));
         assert!(sky.pixels.iter().flatten().all(|x| x.is_finite() && *x >= 0.0));
-        let exr = environment(&folder.join("exr_uvgrid/uvgrid.exr"), 0.0, 1.0).unwrap();
+        let exr = environment(&folder.join("env/exr_uvgrid/uvgrid.exr"), 0.0, 1.0).unwrap();
         assert_eq!((exr.width, exr.height), (2000, 2000));
         assert!(exr.pixels.iter().flatten().any(|x| *x > 0.0));
-    } else {
-        assert!(std::env::var("CI").as_deref() != Ok("true"), "{} is missing", folder.display());
     }
     let huge = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1000000 +X 1000000\n";
     let exr = [&[0x76, 0x2F, 0x31, 0x01, 2, 0, 0, 0][..], &[0xFF; 64]].concat();

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::process::Command;
 
 use crate::helpers::glb;
-use crate::helpers::program::{expect, program, scene, stderr};
+use crate::helpers::program::{Folder, expect, program, scene, stderr};
 use crate::helpers::skipped::skipped;
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
@@ -40,8 +40,7 @@ fn a_change_of_scenes_is_shown_and_goldens_are_checked() {
     if !has("git") || !has("python3") {
         return skipped("git or python3 is not installed");
     }
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
+    let path = &Folder::new();
     fs::create_dir_all(path.join("assets/deep")).unwrap();
     let put = |name: &str, bytes: &[u8]| fs::write(path.join("assets").join(name), bytes).unwrap();
     let cornell = fs::read(scene("cornell.glb")).unwrap();

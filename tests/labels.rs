@@ -8,19 +8,17 @@ use serde_json::{Value, json};
 
 use crate::helpers::glb;
 use crate::helpers::gltf_parts::Parts;
-use crate::helpers::program::{attribute, bits, expect, names, scene};
+use crate::helpers::program::{Folder, attribute, bits, expect, names, read_json, says, scene};
 
 #[test]
 fn annotations_and_ids_are_those_of_the_aov() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
-    fs::copy(scene("cornell.glb"), path.join("c.glb")).unwrap();
+    let path = &Folder::new().with_scene("c.glb", "cornell.glb");
     let line = "render c.glb --turntable 2 --orbit 20,10,0.6 --size 40x30 --spp 2 --aov object,material";
     expect(path, &format!("{line} -o set/#.exr --preview set/#.jpg -q"), 0);
     expect(path, "labels set/0.exr set/1.exr -o set/a.json --images jpg --ids", 0);
     let ids_files = ["0.exr", "0.jpg", "0.object.png", "1.exr", "1.jpg", "1.object.png", "a.json", "transforms.json"];
     assert_eq!(names(&path.join("set")), ids_files);
-    let coco: Value = serde_json::from_slice(&fs::read(path.join("set/a.json")).unwrap()).unwrap();
+    let coco = read_json(&path.join("set/a.json"));
     let list = |key: &str| coco[key].as_array().unwrap().clone();
     assert_eq!((list("images").len(), &list("images")[1]["file_name"]), (2, &"1.jpg".into()));
     assert!(list("annotations").len() > 8, "{coco:#}");
@@ -44,7 +42,7 @@ fn annotations_and_ids_are_those_of_the_aov() {
         assert_eq!(covered as usize, ids.iter().filter(|id| **id != 0).count());
     }
     expect(path, "labels set/0.exr -o m.json --by material -q", 0);
-    let materials: Value = serde_json::from_slice(&fs::read(path.join("m.json")).unwrap()).unwrap();
+    let materials = read_json(&path.join("m.json"));
     assert!(materials["categories"].as_array().unwrap().iter().any(|c| c["name"] == "red"), "{materials:#}");
     assert_eq!(materials["images"][0]["file_name"], "set/0.exr");
 
@@ -57,9 +55,7 @@ fn annotations_and_ids_are_those_of_the_aov() {
 
 #[test]
 fn previews_are_of_the_format_that_their_name_says() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
-    fs::copy(scene("cornell.glb"), path.join("c.glb")).unwrap();
+    let path = &Folder::new().with_scene("c.glb", "cornell.glb");
     let line = "render c.glb --camera framed --sky --transparent --size 40x30 --spp 4 -q";
     expect(path, &format!("{line} -o a.exr --preview a.png"), 0);
     let png = image::open(path.join("a.png")).unwrap().into_rgba8();
@@ -105,13 +101,11 @@ fn npy(path: &Path) -> (String, Vec<u32>) {
 
 #[test]
 fn depth_and_normals_are_those_of_the_picture_in_metres_and_on_the_axes_asked_for() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
-    fs::copy(scene("cornell.glb"), path.join("c.glb")).unwrap();
+    let path = &Folder::new().with_scene("c.glb", "cornell.glb");
     let line = "render c.glb --turntable 2 --orbit 20,10,1.2 --size 40x30 --spp 2 --aov depth,normal,object";
     expect(path, &format!("{line} -o set/#.exr -q"), 0);
     expect(path, "labels set --depth npy,png --depth-scale 0.0005 --normals npy,png -q", 0);
-    let cameras: Value = serde_json::from_slice(&fs::read(path.join("set/transforms.json")).unwrap()).unwrap();
+    let cameras = read_json(&path.join("set/transforms.json"));
     for view in 0..2 {
         let beside = |ending: &str| path.join(format!("set/{view}.{ending}"));
         let channels = bits(&beside("exr"));
@@ -168,8 +162,7 @@ fn depth_and_normals_are_those_of_the_picture_in_metres_and_on_the_axes_asked_fo
 
 #[test]
 fn categories_are_those_of_the_nodes_extras_or_of_a_node_above() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
+    let path = &Folder::new();
     let file = fs::read(scene("cornell.glb")).unwrap();
     let length = u32::from_le_bytes(file[12..16].try_into().unwrap()) as usize;
     let mut document: Value = serde_json::from_slice(&file[20..20 + length]).unwrap();
@@ -194,7 +187,7 @@ fn categories_are_those_of_the_nodes_extras_or_of_a_node_above() {
     expect(path, "merge 1.exr 2.exr -o both.exr -q", 0);
     for picture in ["1.exr", "both.exr"] {
         expect(path, &format!("labels {picture} -o a.json -q"), 0);
-        let coco: Value = serde_json::from_slice(&fs::read(path.join("a.json")).unwrap()).unwrap();
+        let coco = read_json(&path.join("a.json"));
         let categories = coco["categories"].as_array().unwrap();
         let mut found: Vec<(String, String)> = Vec::new();
         for annotation in coco["annotations"].as_array().unwrap() {
@@ -210,8 +203,7 @@ fn categories_are_those_of_the_nodes_extras_or_of_a_node_above() {
 
 #[test]
 fn names_outside_ascii_are_those_of_the_file() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
+    let path = &Folder::new();
     let mut parts = Parts { primitive: r#"{"attributes":{"POSITION":0},"material":0}"#.into(), ..Parts::default() };
     parts.nodes =
         r#"[{"children":[1,2,3]},{"mesh":0,"name":"椅子.001"},{"mesh":0,"name":"Stühle","translation":[1,1,0],
@@ -229,7 +221,7 @@ fn names_outside_ascii_are_those_of_the_file() {
     for name in ["set/whole", "set/merged"] {
         let names = |by: &str, key: &str| -> Vec<String> {
             expect(path, &format!("labels {name}.exr -o a.json --by {by} -q"), 0);
-            let coco: Value = serde_json::from_slice(&fs::read(path.join("a.json")).unwrap()).unwrap();
+            let coco = read_json(&path.join("a.json"));
             coco[key].as_array().unwrap().iter().map(|each| each["name"].as_str().unwrap().into()).collect()
         };
         assert_eq!(names("object", "categories"), ["椅子", "Möbel"]);
@@ -241,6 +233,5 @@ fn names_outside_ascii_are_those_of_the_file() {
         let manifest: Value = serde_json::from_str(&manifest).unwrap();
         assert!(["椅子.001", "Stühle"].iter().all(|name| manifest[name].is_string()), "{manifest}");
     }
-    let said = expect(path, "check set", 0);
-    assert!(said.contains("2 golden pictures: 2 identical"), "{said}");
+    says(path, "check set", 0, "2 golden pictures: 2 identical");
 }

@@ -10,7 +10,7 @@ use bismar::rays::Backend;
 use bismar::render::prepass::learned_lights::LightsLearner;
 use bismar::render::prepass::rounds::{self, Decided};
 use bismar::render::{
-    Balance, Part, RenderSettings, RenderStats, Rendered, RunOptions, Saved, Technique, render, run, transport,
+    Balance, Part, RenderSettings, RenderStats, Rendered, RunOptions, Saved, Technique, run, transport,
 };
 use bismar::sampling::SplitMix64;
 use bismar::scene::Scene;
@@ -33,11 +33,6 @@ fn house() -> Arc<Scene> {
 
 fn settings(balance: Balance) -> RenderSettings {
     RenderSettings { width: 36, height: 24, spp: Some(16), max_depth: 4, balance, ..RenderSettings::even() }
-}
-
-fn on_threads(stage: &Stage, settings: &RenderSettings, threads: usize) -> Rendered {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-    pool.install(|| render(&stage.scene, settings, &AtomicBool::new(false), &|_| ()).unwrap())
 }
 
 /// Pixels' means and variances of the green of pictures that know of lights what is `learned`.
@@ -64,10 +59,6 @@ fn pictures(stage: &Stage, learned: Option<&LearnedLights>, first: u32, replicas
     [whole, variances]
 }
 
-fn z(a: &Mean, b: &Mean) -> f64 {
-    (a.mean - b.mean) / (a.standard_error().powi(2) + b.standard_error().powi(2)).sqrt()
-}
-
 #[test]
 fn what_a_pilot_learns_of_lamps_changes_no_mean_and_takes_noise_away() {
     let stage = Stage::new(house(), Backend::Embree);
@@ -80,11 +71,11 @@ fn what_a_pilot_learns_of_lamps_changes_no_mean_and_takes_noise_away() {
     let lights = found.lights.as_ref().unwrap();
     assert!(lights.bytes() < 1 << 20);
     let [without, with] = [(None, 0), (Some(lights), 500)].map(|(lights, seed)| pictures(&stage, lights, seed, 200));
-    assert!(z(&without[0], &with[0]).abs() < z_limit(1), "{without:?} {with:?}");
+    assert!(without[0].z_to(&with[0]).abs() < z_limit(1), "{without:?} {with:?}");
     // The tree takes two light samples of three toward the area light next door, and what was learned but one. Variances of 864 pixels are
     // known to a few per cent.
     assert!(with[1].mean < 0.75 * without[1].mean, "{} {}", with[1].mean, without[1].mean);
-    let rendered = on_threads(&stage, &settings, 2);
+    let rendered = stage.render_on(2, &settings);
     let stats = rendered.stats.techniques[Technique::LearnedLights].unwrap();
     assert!(stats.on && stats.cells == Some(lights.cells()) && stats.remaining == own.remaining, "{stats:?}");
 }
@@ -118,7 +109,7 @@ fn lies_about_lamps_change_no_mean() {
             let light_sample_records: Vec<_> = (0..20_000).map(light_sample_record).collect();
             let lights = LearnedLights::learn(tree, &light_sample_records, 1.0).unwrap();
             let with = pictures(&stage, Some(&lights), 500 * (i as u32 + 1), 60)[0];
-            assert!(z(&without, &with).abs() < z_limit(6), "{name}, learned {i}: {without:?} {with:?}");
+            assert!(without.z_to(&with).abs() < z_limit(6), "{name}, learned {i}: {without:?} {with:?}");
         }
     }
 }
@@ -127,7 +118,7 @@ fn lies_about_lamps_change_no_mean() {
 fn where_lights_are_learned_bits_are_the_same_on_any_threads_in_any_window_part_and_session() {
     let learned = |stats: &RenderStats| stats.techniques[Technique::LearnedLights].unwrap();
     let (stage, settings) = (&Stage::new(house(), Backend::Embree), &settings(Balance::Progressive));
-    let one = on_threads(stage, settings, 1);
+    let one = stage.render_on(1, settings);
     assert!(learned(&one.stats).on);
     let same = |other: &Rendered| {
         for tile in &other.tiles {
@@ -135,17 +126,16 @@ fn where_lights_are_learned_bits_are_the_same_on_any_threads_in_any_window_part_
             assert!((0..tile.pixels()).all(|i| tile.at(i).0.sum == own.at(i).0.sum), "{:?}", other.settings);
         }
     };
-    same(&on_threads(stage, settings, 3));
-    same(&on_threads(stage, &RenderSettings { crop: Some([16, 0, 32, 16]), ..settings.clone() }, 2));
+    same(&stage.render_on(3, settings));
+    same(&stage.render_on(2, &RenderSettings { crop: Some([16, 0, 32, 16]), ..settings.clone() }));
     let part: Part = "2/3".parse().unwrap();
-    same(&on_threads(stage, &RenderSettings { part: Some(part), ..settings.clone() }, 2));
+    same(&stage.render_on(2, &RenderSettings { part: Some(part), ..settings.clone() }));
     // Going on to more paths has learned the same as well.
-    let Rendered { tiles, stats, goals, .. } =
-        on_threads(stage, &RenderSettings { spp: Some(8), ..settings.clone() }, 2);
+    let Rendered { tiles, stats, goals, .. } = stage.render_on(2, &RenderSettings { spp: Some(8), ..settings.clone() });
     let (stop, from) = (AtomicBool::new(false), Some(Saved { tiles, stats, goals }));
     let options = RunOptions { from, ..RunOptions::new(&stop, &|_| ()) };
     let longer = run(&stage.scene, settings, options).unwrap();
-    let whole = on_threads(stage, settings, 2);
+    let whole = stage.render_on(2, settings);
     assert_eq!(learned(&longer.stats).cells, learned(&whole.stats).cells);
     // Nothing is left to do: nothing is learned again, and what was found is still said.
     let (stop, from) =

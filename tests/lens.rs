@@ -12,7 +12,7 @@ use bismar::scene::{Projection, Scene};
 use glam::Vec3;
 
 use crate::helpers::glb;
-use crate::helpers::program::{assert_same_bits, expect};
+use crate::helpers::program::{Folder, assert_same_bits, channel, expect, says};
 use crate::helpers::stage::{Stage, add, area_light, look};
 use crate::helpers::statistics::{Mean, z_limit};
 
@@ -130,9 +130,7 @@ fn a_blurred_edge_is_its_closed_form() {
 
 #[test]
 fn a_lens_is_a_f_stop_of_35_mm_film_and_focuses_by_itself() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
-    fs::write(path.join("scene.glb"), glb::triangle()).unwrap();
+    let path = &Folder::new().with("scene.glb", glb::triangle());
     let flags = "scene.glb --size 40x30 --spp 8 -q";
     expect(path, &format!("render {flags} -o sharp.exr"), 0);
     // The camera stands 3 m before the triangle; half its field of view is 0.35.
@@ -140,12 +138,9 @@ fn a_lens_is_a_f_stop_of_35_mm_film_and_focuses_by_itself() {
     expect(path, &format!("render {flags} --aperture f/0.7 -o auto.exr"), 0);
     expect(path, &format!("render {flags} --aperture {radius} --focus 3 -o by-hand.exr"), 0);
     let [sharp, auto, by_hand] =
-        ["sharp", "auto", "by-hand"].map(|name| crate::helpers::program::bits(&path.join(format!("{name}.exr"))));
+        ["sharp", "auto", "by-hand"].map(|name| channel(&path.join(format!("{name}.exr")), "G"));
     assert_ne!(sharp, auto);
-    let near =
-        |a: &[u32], b: &[u32]| a.iter().zip(b).all(|(a, b)| (f32::from_bits(*a) - f32::from_bits(*b)).abs() < 1e-3);
-    let green = |bits: &[(String, Vec<u32>)]| bits.iter().find(|(name, _)| name == "G").unwrap().1.clone();
-    assert!(near(&green(&auto), &green(&by_hand)));
+    assert!(auto.iter().zip(&by_hand).all(|(a, b)| (a - b).abs() < 1e-3));
     // Going on and parts as ever.
     let lens = "--aperture f/0.7 --focus 2 --lens-blades 5";
     expect(path, &format!("render {flags} {lens} -o whole.exr"), 0);
@@ -167,15 +162,13 @@ fn a_lens_is_a_f_stop_of_35_mm_film_and_focuses_by_itself() {
         ("--camera b --aperture f/2 --crop 0,0,4,4 --size 40x3000", ""),
     ] {
         let code = if words.is_empty() { 0 } else { 64 };
-        let said = expect(path, &format!("render scene.glb --spp 1 {flags} -o x.exr"), code);
-        assert!(said.contains(words), "{flags}: {said}");
+        says(path, &format!("render scene.glb --spp 1 {flags} -o x.exr"), code, words);
     }
     // Nothing in the middle to focus on.
     let mut away = glb::triangle();
     let at = away.windows(7).position(|window| window == b"[0,0,3]").unwrap();
     away[at + 1] = b'9';
     fs::write(path.join("away.glb"), away).unwrap();
-    let said = expect(path, "render away.glb --aperture f/2 --size 8x6 --spp 1 -o x.exr", 64);
-    assert!(said.contains("nothing to focus on"), "{said}");
+    says(path, "render away.glb --aperture f/2 --size 8x6 --spp 1 -o x.exr", 64, "nothing to focus on");
     expect(path, "render away.glb --aperture f/2 --focus 3 --size 8x6 --spp 1 -o x.exr", 0);
 }

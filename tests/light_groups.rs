@@ -3,18 +3,17 @@
 use std::fs;
 use std::path::Path;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 use bismar::film::{Picture, Pixels, exr_file};
 use bismar::integrator::Reuse;
 use bismar::rays::Backend;
-use bismar::render::{Balance, Choice, LightGroups, RenderSettings, Technique, render};
+use bismar::render::{Balance, Choice, LightGroups, RenderSettings, Technique};
 use bismar::scene::{Environment, LightNode, Material, PunctualKind, PunctualLight, Scene};
 use glam::Vec3;
 
 use crate::helpers::gltf_parts::Parts;
-use crate::helpers::program::{assert_same_bits, bismar, expect, stderr};
-use crate::helpers::stage::{Stage, area_light, lambert, look, metal, rectangle};
+use crate::helpers::program::{Folder, assert_same_bits, bismar, expect, says, stderr};
+use crate::helpers::stage::{Stage, area_light, lambert, look, metal, punctual, rectangle};
 use crate::helpers::statistics::{Mean, z_limit};
 use crate::pictures::{denoiser, false_denoiser};
 
@@ -40,16 +39,8 @@ fn room(is_on: impl Fn(usize, usize) -> bool) -> Scene {
     for (own, name, x, size) in [(0, "Point", -0.5, 0.0), (0, "Ball", 0.3, 0.2), (3, "Other", 0.6, 0.1)] {
         if is_on(own, 2) {
             scene.light_nodes.push(LightNode { name: format!("Key {name}"), group: (own == 3).then(|| "none".into()) });
-            scene.lights.push(PunctualLight {
-                name: name.into(),
-                kind: PunctualKind::Point,
-                intensity: Vec3::splat(0.8),
-                position: Vec3::new(x, 1.5, 0.5),
-                direction: Vec3::NEG_Y,
-                range: f32::INFINITY,
-                size,
-                motion: Vec::new(),
-            });
+            let light = punctual(PunctualKind::Point, 0.8, Vec3::new(x, 1.5, 0.5), Vec3::NEG_Y);
+            scene.lights.push(PunctualLight { name: name.into(), size, ..light });
         }
     }
     if is_on(3, 2) {
@@ -95,7 +86,7 @@ fn layers_are_pictures_by_their_lights_and_add_up_to_the_beauty() {
             let mut means = vec![Mean::default(); alone.len()];
             for seed in 0..REPLICAS {
                 let of = RenderSettings { seed: 100 * number + seed, light_groups: Some(by.clone()), ..of.clone() };
-                let rendered = render(&stage.scene, &of, &AtomicBool::new(false), &|_| ()).unwrap();
+                let rendered = stage.render(&of);
                 let pixels = rendered.pixels();
                 let mut sums = vec![0.0; alone.len()];
                 for (x, y) in (0..16).flat_map(|y| (0..24).map(move |x| (x, y))) {
@@ -114,7 +105,7 @@ fn layers_are_pictures_by_their_lights_and_add_up_to_the_beauty() {
                 }
             }
             for (name, (ours, alone)) in by.names().iter().zip(means.iter().zip(alone)) {
-                let z = (ours.mean - alone.mean) / ours.standard_error().hypot(alone.standard_error());
+                let z = ours.z_to(&alone);
                 let [ours, alone] = [ours.mean, alone.mean];
                 assert!(alone > 0.01 && z.abs() < limit, "{number}, {name}: {ours} {alone}, z {z}");
             }
@@ -172,21 +163,21 @@ fn layer(path: &Path, name: &str) -> Vec<[f32; 3]> {
 
 #[test]
 fn groups_are_merged_and_resumed_and_mixed_after_the_render() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
+    let folder = Folder::new();
+    let at = |name: &str| folder.join(name);
     fs::write(at("a.gltf"), gltf()).unwrap();
     let line = "render a.gltf --size 24x16 --spp 256 -q --light-groups key=Sun*,fill,glow";
-    expect(folder.path(), &format!("{line} -o whole.exr"), 0);
+    expect(&folder, &format!("{line} -o whole.exr"), 0);
     for part in 1..=2 {
-        expect(folder.path(), &format!("{line} --part {part}/2 -o {part}.exr"), 0);
+        expect(&folder, &format!("{line} --part {part}/2 -o {part}.exr"), 0);
     }
-    expect(folder.path(), "merge 1.exr 2.exr -o merged.exr -q", 0);
+    expect(&folder, "merge 1.exr 2.exr -o merged.exr -q", 0);
     assert_same_bits(&at("whole.exr"), &at("merged.exr"));
-    expect(folder.path(), &format!("{line} --checkpoint 9 -o out.exr").replace("256", "128"), 0);
-    expect(folder.path(), &format!("{line} -o out.exr --resume"), 0);
+    expect(&folder, &format!("{line} --checkpoint 9 -o out.exr").replace("256", "128"), 0);
+    expect(&folder, &format!("{line} -o out.exr --resume"), 0);
     assert_same_bits(&at("whole.exr"), &at("out.exr"));
-    expect(folder.path(), "render a.gltf --size 24x16 --spp 256 -q -o plain.exr", 0);
-    expect(folder.path(), "check whole.exr", 0);
+    expect(&folder, "render a.gltf --size 24x16 --spp 256 -q -o plain.exr", 0);
+    expect(&folder, "check whole.exr", 0);
 
     let [beauty, key, fill, glow, rest] =
         ["", "light_key", "light_fill", "light_glow", "light_rest"].map(|name| match name {
@@ -203,8 +194,8 @@ fn groups_are_merged_and_resumed_and_mixed_after_the_render() {
     exr_file::write_rgb(&at("hand.exr"), [0, 0, 24, 16], [0, 0, 24, 16], &mixed).unwrap();
     let develop = "--view srgb --exposure 1 -q";
     let mix = "--mix key=1.5,fill=0,glow=1:0.5:0,rest=0";
-    expect(folder.path(), &format!("develop whole.exr {mix} {develop} -o a.png"), 0);
-    expect(folder.path(), &format!("develop hand.exr {develop} -o b.png"), 0);
+    expect(&folder, &format!("develop whole.exr {mix} {develop} -o a.png"), 0);
+    expect(&folder, &format!("develop hand.exr {develop} -o b.png"), 0);
     let [a, b] = ["a.png", "b.png"].map(|name| image::open(at(name)).unwrap().into_rgb8());
     assert!(a.pixels().any(|pixel| pixel.0[0] > 20) && a == b);
     for (line, code, words) in [
@@ -223,18 +214,15 @@ fn groups_are_merged_and_resumed_and_mixed_after_the_render() {
     ] {
         if line.contains("other.exr") {
             let other = "render a.gltf --size 24x16 --spp 256 -q --light-groups all=* --part 2/2 -o other.exr";
-            expect(folder.path(), other, 0);
+            expect(&folder, other, 0);
         }
-        let said = expect(folder.path(), line, code);
-        assert!(said.contains(words), "{line}: {said}");
+        says(&folder, line, code, words);
     }
 }
 
 #[test]
 fn denoised_layers_add_up_to_the_denoised_beauty() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
-    fs::write(path.join("a.gltf"), gltf()).unwrap();
+    let path = &Folder::new().with("a.gltf", gltf());
     let groups = "--light-groups key=Sun*,fill,glow";
     let render = |library: &Path, name: &str| {
         let line = format!("render a.gltf --size 48x32 --spp 16 -q {groups} --denoise oidn -o {name}");

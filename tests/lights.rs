@@ -199,24 +199,32 @@ fn area_lights(double_sided: bool) -> Scene {
     }
 }
 
-/// The area lights in direction `d` from the origin, one behind the other: instance, distance.
-fn look(scene: &Scene, d: Vec3) -> Vec<(u32, f32)> {
-    let mut found = Vec::new();
-    for (i, instance) in scene.instances.iter().enumerate() {
-        let mesh = &scene.meshes[i];
-        let [a, b, c] = [0, 1, 2].map(|k| {
-            let p = Vec3::from_array(mesh.positions[k]);
-            instance.transform.map_or(p, |t| t.transform_point3(p))
-        });
+/// World-space corners of a triangle.
+fn corners(scene: &Scene, Primitive { instance, mesh, prim }: Primitive) -> [Vec3; 3] {
+    let mesh = &scene.meshes[mesh as usize];
+    let place = |p| scene.instances[instance as usize].transform.map_or(p, |t| t.transform_point3(p));
+    mesh.indices[prim as usize].map(|i| place(Vec3::from_array(mesh.positions[i as usize])))
+}
+
+/// The triangles in direction `d` from the origin, one behind the other, and their distances. Object `i` is mesh `i`.
+fn hits(scene: &Scene, d: Vec3) -> Vec<(Primitive, f32)> {
+    let of_mesh = |i: u32| (0..scene.meshes[i as usize].indices.len() as u32).map(move |prim| (i, prim));
+    let all = (0..scene.meshes.len() as u32).flat_map(of_mesh);
+    let hit = |(i, prim)| {
+        let primitive = Primitive { instance: i, mesh: i, prim };
+        let [a, b, c] = corners(scene, primitive);
         let n = (b - a).cross(c - a);
         let t = a.dot(n) / d.dot(n);
-        let p = d * t;
-        let inside = [(a, b), (b, c), (c, a)].iter().all(|(p0, p1)| (*p1 - *p0).cross(p - *p0).dot(n) >= 0.0);
-        if t > 0.0 && inside {
-            found.push((i as u32, t));
-        }
-    }
-    found
+        let inside = [(a, b), (b, c), (c, a)].iter().all(|(p, q)| (*q - *p).cross(d * t - *p).dot(n) >= 0.0);
+        (t > 0.0 && inside).then_some((primitive, t))
+    };
+    all.filter_map(hit).collect()
+}
+
+/// Density of light samples toward `d`: they do not know what is in front of what.
+fn pdf(lights: &AreaLights, scene: &Scene, n: Vec3, learned: Option<&LearnedLights>, d: Vec3) -> f64 {
+    let one = |(primitive, t)| f64::from(lights.pdf((scene, 0.0), (Vec3::ZERO, n), primitive, d, t, learned));
+    hits(scene, d).into_iter().map(one).sum()
 }
 
 #[test]
@@ -251,20 +259,7 @@ fn lamp_samples_follow_the_pdf() {
             4,
             (100_000, 96),
             || sample_lamps(&lights, &scene, n, learned, [random.f32(), random.f32(), random.f32()]).map(|s| s.wi),
-            // Light samples do not know what is in front of what.
-            |d| {
-                let pdf = |&(i, t)| {
-                    f64::from(lights.pdf(
-                        (&scene, 0.0),
-                        (Vec3::ZERO, n),
-                        Primitive { instance: i, mesh: i, prim: 0 },
-                        d,
-                        t,
-                        learned,
-                    ))
-                };
-                look(&scene, d).iter().map(pdf).sum()
-            },
+            |d| pdf(&lights, &scene, n, learned, d),
         );
     }
 }
@@ -289,34 +284,13 @@ fn two_triangles_of_a_parallelogram_are_one_lamp_that_follows_the_pdf() {
         };
         let lights = AreaLights::new(&scene).unwrap();
         let n = Vec3::new(0.2, 1.0, 0.1).normalize();
-        let prim_at = |d: Vec3| {
-            indices.iter().enumerate().find_map(|(prim, &index)| {
-                let [a, b, c] = index.map(|i| Vec3::from_array(points[i as usize]));
-                let normal = (b - a).cross(c - a);
-                let t = a.dot(normal) / d.dot(normal);
-                let inside =
-                    [(a, b), (b, c), (c, a)].iter().all(|(p, q)| (*q - *p).cross(d * t - *p).dot(normal) >= 0.0);
-                (t > 0.0 && inside).then_some((prim as u32, t))
-            })
-        };
         let mut random = Random(61 + k as u64);
         chi_square_directions(
             &format!("parallelogram cut {k}"),
             4,
             (100_000, 96),
             || sample_lamps(&lights, &scene, n, None, [random.f32(), random.f32(), random.f32()]).map(|s| s.wi),
-            |d| {
-                prim_at(d).map_or(0.0, |(prim, t)| {
-                    f64::from(lights.pdf(
-                        (&scene, 0.0),
-                        (Vec3::ZERO, n),
-                        Primitive { instance: 0, mesh: 0, prim },
-                        d,
-                        t,
-                        None,
-                    ))
-                })
-            },
+            |d| pdf(&lights, &scene, n, None, d),
         );
         // One area light: every direction has the same area density, whatever the choice's number.
         let spread = (0..64).map(|i| sample_lamps(&lights, &scene, n, None, [i as f32 / 64.0, 0.3, 0.6]).unwrap().wi.x);
@@ -333,17 +307,13 @@ fn lamps_shine_from_the_side_that_the_winding_calls_the_front_also_when_mirrored
     for _ in 0..20_000 {
         let d =
             direction(f64::from(random.f32()) * std::f64::consts::PI, f64::from(random.f32()) * std::f64::consts::TAU);
-        for (i, t) in look(&scene, d) {
-            let t_world = |k: usize| {
-                let p = Vec3::from_array(scene.meshes[i as usize].positions[k]);
-                scene.instances[i as usize].transform.map_or(p, |m| m.transform_point3(p))
-            };
+        for (primitive, t) in hits(&scene, d) {
+            let [a, b, c] = corners(&scene, primitive);
             // A mirroring instance turns the winding round, and with it the front.
-            let turned = if i == 2 { -1.0 } else { 1.0 };
-            let n = (t_world(1) - t_world(0)).cross(t_world(2) - t_world(0)) * turned;
-            let pdf =
-                lights.pdf((&scene, 0.0), (Vec3::ZERO, d), Primitive { instance: i, mesh: i, prim: 0 }, d, t, None);
-            assert_eq!(pdf > 0.0, n.dot(d) < 0.0, "lamp {i}");
+            let turned = if primitive.instance == 2 { -1.0 } else { 1.0 };
+            let n = (b - a).cross(c - a) * turned;
+            let pdf = lights.pdf((&scene, 0.0), (Vec3::ZERO, d), primitive, d, t, None);
+            assert_eq!(pdf > 0.0, n.dot(d) < 0.0, "{primitive:?}");
         }
     }
 }

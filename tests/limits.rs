@@ -4,28 +4,15 @@ use std::fs;
 use std::process::Command;
 
 use crate::helpers::glb;
-use crate::helpers::program::{bismar, expect, names, program, stderr};
+use crate::helpers::program::{Folder, expect, names, program, stderr};
 
-fn folder() -> tempfile::TempDir {
-    let folder = tempfile::tempdir().unwrap();
-    fs::write(folder.path().join("s.glb"), glb::triangle()).unwrap();
-    folder
-}
-
-#[test]
-fn a_file_beyond_the_largest_size_is_a_failed_write_and_leaves_nothing() {
-    let folder = folder();
-    let line =
-        format!("ulimit -f 8; exec {} render s.glb --size 200x200 --spp 1 --aov all -o a.exr", program().display());
-    let ran = Command::new("sh").args(["-c", &line]).current_dir(folder.path()).output().unwrap();
-    assert_eq!(ran.status.code(), Some(74), "{}", stderr(&ran));
-    assert_eq!(names(folder.path()), ["s.glb"]);
+fn folder() -> Folder {
+    Folder::new().with("s.glb", glb::triangle())
 }
 
 #[test]
 fn devices_without_end_are_refused_and_lost_events_are_an_error() {
-    let folder = folder();
-    let path = folder.path();
+    let path = &folder();
     expect(path, "render s.glb --cameras /dev/zero -o a.#.exr", 65);
     expect(path, "render s.glb --path-mapping /dev/zero -o a.exr", 65);
     expect(path, "farm task 1 --plan /dev/zero", 65);
@@ -38,21 +25,20 @@ fn devices_without_end_are_refused_and_lost_events_are_an_error() {
 fn names_as_long_as_the_system_allows_are_written() {
     let folder = folder();
     let name = format!("{}.exr", "n".repeat(251));
-    expect(folder.path(), &format!("render s.glb --size 8x8 --spp 1 -o {name}"), 0);
-    assert_eq!(names(folder.path()), [name.clone(), "s.glb".into()]);
+    expect(&folder, &format!("render s.glb --size 8x8 --spp 1 -o {name}"), 0);
+    assert_eq!(names(&folder), [name.clone(), "s.glb".into()]);
     // A name of ours that would be longer is shortened, or refused before the work.
-    expect(folder.path(), &format!("check {name}"), 0);
-    fs::rename(folder.path().join("s.glb"), folder.path().join(format!("{}.glb", "s".repeat(251)))).unwrap();
+    expect(&folder, &format!("check {name}"), 0);
+    fs::rename(folder.join("s.glb"), folder.join(format!("{}.glb", "s".repeat(251)))).unwrap();
     let line = format!("look {}.glb --size 32x32 --spp 1", "s".repeat(251));
-    assert!(expect(folder.path(), &line, 73).contains("too long"));
+    assert!(expect(&folder, &line, 73).contains("too long"));
 }
 
 /// Root has no limit of processes, so another user runs the program.
 #[test]
 fn threads_that_the_system_refuses_are_a_limit_of_the_host() {
     use std::os::unix::fs::{MetadataExt, PermissionsExt};
-    let folder = folder();
-    let path = folder.path();
+    let path = &folder();
     if fs::metadata(path).unwrap().uid() != 0 || Command::new("setpriv").arg("--version").output().is_err() {
         return crate::helpers::skipped::skipped("not root, or without setpriv");
     }
@@ -73,28 +59,15 @@ fn threads_that_the_system_refuses_are_a_limit_of_the_host() {
 }
 
 #[test]
-fn numbers_of_threads_are_bounded_wherever_they_come_from() {
-    let folder = folder();
-    for n in ["0", "2147483648", "-1"] {
-        let ran =
-            bismar(folder.path()).args(["render", "s.glb", "-o", "a.exr"]).env("BISMAR_THREADS", n).output().unwrap();
-        assert_eq!(ran.status.code(), Some(64), "{}", stderr(&ran));
-        expect(folder.path(), &format!("render s.glb -o a.exr --threads={n}"), 64);
-    }
-}
-
-#[test]
 fn an_ending_with_a_folder_is_refused() {
     let folder = folder();
-    expect(folder.path(), "render s.glb --size 8x8 --spp 1 --aov object -o a.exr", 0);
-    assert!(expect(folder.path(), "labels a.exr -o a.json --images a/b", 64).contains("--images"));
+    expect(&folder, "render s.glb --size 8x8 --spp 1 --aov object -o a.exr", 0);
+    assert!(expect(&folder, "labels a.exr -o a.json --images a/b", 64).contains("--images"));
 }
 
 #[test]
 fn a_program_after_a_checkpoint_that_hangs_does_not_keep_the_render() {
-    let folder = folder();
-    let path = folder.path();
-    fs::write(path.join("hang.sh"), "#!/bin/sh\nsleep 1000 &\nwait\n").unwrap();
+    let path = &folder().with("hang.sh", "#!/bin/sh\nsleep 1000 &\nwait\n");
     assert!(Command::new("chmod").arg("+x").arg(path.join("hang.sh")).status().unwrap().success());
     let line = "render s.glb --size 64x64 --spp 4096 --checkpoint 0.001 --on-checkpoint ./hang.sh -o a.exr";
     assert!(expect(path, line, 0).contains("still runs"));

@@ -6,21 +6,17 @@ use std::path::Path;
 use serde_json::{Value, json};
 
 use crate::helpers::glb;
-use crate::helpers::program::{bismar, expect, names, scene, stderr};
+use crate::helpers::program::{Folder, expect, names, stdout};
 
 const SMALL: &str = "--size 48x48 --spp 4 -q";
 
-fn folder() -> tempfile::TempDir {
-    let folder = tempfile::tempdir().unwrap();
-    fs::copy(scene("cornell.glb"), folder.path().join("c.glb")).unwrap();
-    folder
+fn folder() -> Folder {
+    Folder::new().with_scene("c.glb", "cornell.glb")
 }
 
 /// Runs `look` with a line of arguments and returns its JSON.
 fn look(folder: &Path, line: &str, code: i32) -> Value {
-    let output = bismar(folder).arg("look").args(line.split_whitespace()).output().unwrap();
-    assert_eq!(output.status.code(), Some(code), "{line}: {}", stderr(&output));
-    serde_json::from_slice(&output.stdout).unwrap()
+    serde_json::from_str(&stdout(folder, &format!("look {line}"), code)).unwrap()
 }
 
 /// A lamp-less cube-like scene: a square of two triangles with corners at these places.
@@ -49,13 +45,11 @@ fn square_of(size: f32, at: f32) -> Vec<u8> {
 
 #[test]
 fn one_command_says_what_is_in_a_file_and_what_its_views_show() {
-    let folder = folder();
-    let path = folder.path();
+    let path = &folder();
     let report = look(path, &format!("c.glb {SMALL}"), 0);
     assert_eq!(names(path), ["c.glb", "c.look.png"]);
     let (scene, views) = (&report["scene"], report["views"].as_array().unwrap());
-    let inspected = bismar(path).args(["inspect", "--json", "c.glb"]).output().unwrap();
-    let inspected: Value = serde_json::from_slice(&inspected.stdout).unwrap();
+    let inspected: Value = serde_json::from_str(&stdout(path, "inspect --json c.glb", 0)).unwrap();
     assert_eq!(scene["triangles"], inspected["counts"]["instanced_triangles"]);
     assert_eq!(scene["materials"].as_array().unwrap().len(), inspected["materials"].as_array().unwrap().len());
     assert_eq!((&scene["emits"], &scene["studio_light"], &report["schema"]), (&json!(true), &json!(false), &json!(1)));
@@ -77,8 +71,7 @@ fn one_command_says_what_is_in_a_file_and_what_its_views_show() {
 
 #[test]
 fn scenes_huge_tiny_flat_far_and_empty_have_sheets() {
-    let folder = folder();
-    let path = folder.path();
+    let path = &folder();
     let flat = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 0.0, 2.0], [0.0, 0.0, 2.0]];
     let empty = glb::file(&json!({ "asset": { "version": "2.0" }, "scene": 0, "scenes": [{ "nodes": [] }] }), &[]);
     for (name, bytes, size) in [
@@ -110,8 +103,7 @@ fn scenes_huge_tiny_flat_far_and_empty_have_sheets() {
 
 #[test]
 fn a_broken_scene_leaves_nothing_and_no_output_is_an_input() {
-    let folder = folder();
-    let path = folder.path();
+    let path = &folder();
     let whole = fs::read(path.join("c.glb")).unwrap();
     fs::write(path.join("cut.glb"), &whole[..whole.len() / 2]).unwrap();
     assert!(expect(path, &format!("look cut.glb {SMALL}"), 65).contains("cut.glb"));
@@ -138,9 +130,7 @@ fn a_broken_scene_leaves_nothing_and_no_output_is_an_input() {
 
 #[test]
 fn frames_of_an_animation_are_rows_of_one_framing() {
-    let folder = folder();
-    let path = folder.path();
-    fs::write(path.join("m.glb"), glb::moving()).unwrap();
+    let path = &folder().with("m.glb", glb::moving());
     let report = look(path, &format!("m.glb {SMALL} --frames 0,12,24 --views front"), 0);
     let views = report["views"].as_array().unwrap();
     assert_eq!(views.iter().map(|view| view["frame"].as_u64()).collect::<Vec<_>>(), [Some(0), Some(12), Some(24)]);
@@ -155,9 +145,7 @@ fn frames_of_an_animation_are_rows_of_one_framing() {
 
 #[test]
 fn a_pair_has_one_framing_and_says_what_differs() {
-    let folder = folder();
-    let path = folder.path();
-    fs::write(path.join("old.glb"), glb::moving()).unwrap();
+    let path = &folder().with("old.glb", glb::moving());
     fs::copy(path.join("old.glb"), path.join("same.glb")).unwrap();
     let same = look(path, &format!("old.glb same.glb {SMALL} --max-flip 0"), 0);
     assert_eq!((&same["equal"], &same["same_files"], &same["flip"]), (&json!(true), &json!(true), &json!(0.0)));
@@ -191,8 +179,7 @@ fn a_pair_has_one_framing_and_says_what_differs() {
 
 #[test]
 fn folders_say_what_was_added_removed_and_changed() {
-    let folder = folder();
-    let path = folder.path();
+    let path = &folder();
     for (name, bytes) in [
         ("a/gone.glb", square_of(1.0, 0.0)),
         ("a/sub/same.glb", square_of(1.0, 0.0)),

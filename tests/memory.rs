@@ -6,7 +6,7 @@ use std::path::Path;
 use serde_json::{Value, json};
 
 use crate::helpers::glb;
-use crate::helpers::program::{bismar, expect, scene};
+use crate::helpers::program::{Folder, bismar, expect, read_json};
 
 const MIB: u64 = 1 << 20;
 
@@ -103,16 +103,14 @@ fn said_and_taken(folder: &Path, line: &str) -> (u64, u64) {
     let said = expect(folder, &line, 0);
     let text = said.split("needs about ").nth(1).unwrap();
     let said = text.split(' ').next().unwrap().parse::<u64>().unwrap() * MIB;
-    let stats: Value = serde_json::from_slice(&fs::read(folder.join("out.json")).unwrap()).unwrap();
+    let stats = read_json(&folder.join("out.json"));
     (said, stats["peak_memory_bytes"].as_u64().unwrap())
 }
 
 /// Half to twice: enough to refuse what cannot fit, and not what can.
 #[test]
 fn what_a_render_says_it_needs_is_about_what_it_takes() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
-    fs::copy(scene("cornell.glb"), path.join("cornell.glb")).unwrap();
+    let path = &Folder::new().with_scene("cornell.glb", "cornell.glb");
     fields(400).save(&path.join("mesh.glb"));
     let mut many = fields(1);
     instanced(&mut many, 150_000);
@@ -147,8 +145,7 @@ fn what_a_render_says_it_needs_is_about_what_it_takes() {
 
 #[test]
 fn counts_without_data_are_bounded_in_words_that_name_them() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
+    let path = &Folder::new();
     let refused = |document: Document, words: [&str; 2]| {
         document.save(&path.join("scene.glb"));
         assert!(fs::metadata(path.join("scene.glb")).unwrap().len() < 4096);
@@ -188,9 +185,7 @@ fn counts_without_data_are_bounded_in_words_that_name_them() {
 
 #[test]
 fn inspect_says_what_a_render_needs_and_both_refuse_what_no_memory_holds() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
-    fs::copy(scene("cornell.glb"), path.join("cornell.glb")).unwrap();
+    let path = &Folder::new().with_scene("cornell.glb", "cornell.glb");
     let inspected: Value =
         serde_json::from_slice(&bismar(path).args(["inspect", "cornell.glb", "--json"]).output().unwrap().stdout)
             .unwrap();
@@ -223,8 +218,7 @@ fn inspect_says_what_a_render_needs_and_both_refuse_what_no_memory_holds() {
 /// A scene in geographic coordinates, an emitter of 3e38 and a lens of centimetres in a scene of millimetres are told.
 #[test]
 fn what_numbers_cannot_hold_is_told() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
+    let path = &Folder::new();
     let render = |flags: &str| expect(path, &format!("render scene.glb --size 16x16 --spp 4 -o out.exr {flags}"), 0);
     let placed = |translation: [f64; 3], scale: f64| {
         let mut document = fields(4);

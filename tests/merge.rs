@@ -6,12 +6,10 @@ use std::path::Path;
 use bismar::film::exr_file;
 use bismar::render::checkpoint::unpack;
 
-use crate::helpers::program::{self, assert_same_bits, bits, expect, names, scene};
+use crate::helpers::program::{self, Folder, assert_same_bits, bits, expect, names, says};
 
-fn folder() -> tempfile::TempDir {
-    let folder = tempfile::tempdir().unwrap();
-    fs::copy(scene("veach.glb"), folder.path().join("veach.glb")).unwrap();
-    folder
+fn folder() -> Folder {
+    Folder::new().with_scene("veach.glb", "veach.glb")
 }
 
 #[test]
@@ -25,21 +23,20 @@ fn parts_in_any_order_are_the_whole_to_the_bit() {
         ("--size 150x90 --adaptive --guiding on --spp 48", 3),
     ] {
         let line = format!("render veach.glb {flags} -q");
-        expect(folder.path(), &format!("{line} -o whole.exr"), 0);
+        expect(&folder, &format!("{line} -o whole.exr"), 0);
         let mut files = String::new();
         for part in (1..=parts).rev() {
-            expect(folder.path(), &format!("{line} --part {part}/{parts} -o part{part}.exr"), 0);
+            expect(&folder, &format!("{line} --part {part}/{parts} -o part{part}.exr"), 0);
             files = if part % 2 == 0 { format!("{files} part{part}.exr") } else { format!("part{part}.exr {files}") };
         }
-        expect(folder.path(), &format!("merge {files} -o merged.exr -q"), 0);
-        assert_same_bits(&folder.path().join("whole.exr"), &folder.path().join("merged.exr"));
+        expect(&folder, &format!("merge {files} -o merged.exr -q"), 0);
+        assert_same_bits(&folder.join("whole.exr"), &folder.join("merged.exr"));
         for name in ["settings", "samples", "noise", "scene", "camera", "stop", "fingerprint", "aov"] {
-            let of = |file: &str| program::attribute(&folder.path().join(file), &format!("bismar.{name}"));
+            let of = |file: &str| program::attribute(&folder.join(file), &format!("bismar.{name}"));
             assert_eq!(of("whole.exr"), of("merged.exr"), "{name}");
         }
         // It is the whole: the whole's command has nothing to do.
-        let said = expect(folder.path(), &format!("render veach.glb {flags} -o merged.exr --resume"), 0);
-        assert!(said.contains("finished before"), "{said}");
+        says(&folder, &format!("render veach.glb {flags} -o merged.exr --resume"), 0, "finished before");
     }
 }
 
@@ -48,12 +45,12 @@ fn parts_that_can_go_on_make_a_whole_that_can() {
     let folder = folder();
     let line = "render veach.glb --size 64x48 -q";
     for part in 1..=2 {
-        expect(folder.path(), &format!("{line} --spp 128 --part {part}/2 --checkpoint 9 -o {part}.exr"), 0);
+        expect(&folder, &format!("{line} --spp 128 --part {part}/2 --checkpoint 9 -o {part}.exr"), 0);
     }
-    expect(folder.path(), "merge 1.exr 2.exr -o out.exr -q", 0);
-    expect(folder.path(), &format!("{line} --spp 256 -o out.exr --resume"), 0);
-    expect(folder.path(), &format!("{line} --spp 256 -o whole.exr"), 0);
-    assert_same_bits(&folder.path().join("whole.exr"), &folder.path().join("out.exr"));
+    expect(&folder, "merge 1.exr 2.exr -o out.exr -q", 0);
+    expect(&folder, &format!("{line} --spp 256 -o out.exr --resume"), 0);
+    expect(&folder, &format!("{line} --spp 256 -o whole.exr"), 0);
+    assert_same_bits(&folder.join("whole.exr"), &folder.join("out.exr"));
 }
 
 #[test]
@@ -71,9 +68,9 @@ fn what_does_not_fit_is_refused_by_name() {
         ("--spp 8", "plain"),
         ("--spp 8 --seed 1 --checkpoint 9", "one"),
     ] {
-        expect(folder.path(), &format!("{line} {flags} -o {file}.exr"), 0);
+        expect(&folder, &format!("{line} {flags} -o {file}.exr"), 0);
     }
-    fs::copy(folder.path().join("one.exr"), folder.path().join("copy.exr")).unwrap();
+    fs::copy(folder.join("one.exr"), folder.join("copy.exr")).unwrap();
     for (files, code, words) in [
         ("a1 a2", 65, "1 of 3 parts are missing: 3/3"),
         ("a1 a2 a3 a3", 65, "a3.exr and a3.exr are both part 3/3"),
@@ -86,15 +83,13 @@ fn what_does_not_fit_is_refused_by_name() {
         ("a1 a2 absent", 66, "absent.exr"),
     ] {
         let line = files.split(' ').map(|f| format!("{f}.exr ")).collect::<String>();
-        let said = expect(folder.path(), &format!("merge {line} -o out.exr"), code);
-        assert!(said.contains(words), "{files}: {said}");
+        says(&folder, &format!("merge {line} -o out.exr"), code, words);
     }
     let newer = vec![("bismar.format".into(), exr_file::HeaderValue::Number(99.0))];
     let film = bismar::film::Film::new(4, 4, [0, 0, 4, 4], false);
-    exr_file::write(&folder.path().join("newer.exr"), &film, exr_file::Layers::default(), &newer, None).unwrap();
-    let said = expect(folder.path(), "merge a1.exr newer.exr a3.exr -o out.exr", 65);
-    assert!(said.contains("newer.exr: is from a newer bismar"), "{said}");
-    assert!(!names(folder.path()).contains(&"out.exr".into()));
+    exr_file::write(&folder.join("newer.exr"), &film, exr_file::Layers::default(), &newer, None).unwrap();
+    says(&folder, "merge a1.exr newer.exr a3.exr -o out.exr", 65, "newer.exr: is from a newer bismar");
+    assert!(!names(&folder).contains(&"out.exr".into()));
 }
 
 /// Sums of all pixels of a picture's tiles: paths, radiance, its square.
@@ -108,13 +103,13 @@ fn sums(path: &Path) -> Vec<(u32, [f64; 3], [f64; 3])> {
 #[test]
 fn seeds_are_averaged_by_their_paths_and_so_is_their_variance() {
     let folder = folder();
-    let file = |name: &str| folder.path().join(name);
+    let file = |name: &str| folder.join(name);
     let line = "render veach.glb --size 16x12 -q --checkpoint 9 --aov all";
     for (seed, spp) in [(1, 16), (2, 48), (3, 16)] {
-        expect(folder.path(), &format!("{line} --seed {seed} --spp {spp} -o {seed}.exr"), 0);
+        expect(&folder, &format!("{line} --seed {seed} --spp {spp} -o {seed}.exr"), 0);
     }
-    expect(folder.path(), "merge 3.exr 1.exr 2.exr -o mean.exr -q", 0);
-    expect(folder.path(), "merge 1.exr 2.exr 3.exr -o again.exr -q", 0);
+    expect(&folder, "merge 3.exr 1.exr 2.exr -o mean.exr -q", 0);
+    expect(&folder, "merge 1.exr 2.exr 3.exr -o again.exr -q", 0);
     assert_same_bits(&file("mean.exr"), &file("again.exr"));
     let all = [1, 2, 3].map(|seed| sums(&file(&format!("{seed}.exr"))));
     let merged = bits(&file("mean.exr"));
@@ -133,8 +128,8 @@ fn seeds_are_averaged_by_their_paths_and_so_is_their_variance() {
     }
     // Seeds in parts are the same mean.
     for (seed, spp) in [(1, 16), (2, 48), (3, 16)] {
-        expect(folder.path(), &format!("{line} --seed {seed} --spp {spp} --part 1/1 -o part{seed}.exr"), 0);
+        expect(&folder, &format!("{line} --seed {seed} --spp {spp} --part 1/1 -o part{seed}.exr"), 0);
     }
-    expect(folder.path(), "merge part1.exr part2.exr part3.exr -o mean2.exr -q", 0);
+    expect(&folder, "merge part1.exr part2.exr part3.exr -o mean2.exr -q", 0);
     assert_same_bits(&file("mean.exr"), &file("mean2.exr"));
 }

@@ -18,11 +18,13 @@ use glam::{DAffine3, DQuat, DVec3, Vec3, vec3};
 
 use crate::closed_forms::{BALANCES, polygon_irradiance};
 use crate::helpers::glb;
-use crate::helpers::program::{assert_same_bits, bits, expect};
+use crate::helpers::program::{Folder, assert_same_bits, bits, expect, says};
 use crate::helpers::random::Random;
 use crate::helpers::ray_scenes::{box_room, camera_rays};
 use crate::helpers::shared;
-use crate::helpers::stage::{Stage, add, area_light, lambert, look, moving_hall, rectangle, set_in_motion, sphere};
+use crate::helpers::stage::{
+    Stage, add, area_light, lambert, look, moving_hall, punctual, rectangle, set_in_motion, sphere,
+};
 use crate::helpers::statistics::{Mean, z_limit};
 
 const COLUMNS: u32 = 8;
@@ -168,10 +170,8 @@ fn a_light_that_moves_over_a_diffuse_plane_is_its_closed_form() {
         position: vec3(x as f32, height as f32, 0.0),
         direction: Vec3::NEG_Y,
     };
-    let LightKey { intensity: own, position, direction } = key(from);
-    let (name, kind, range) = (String::new(), PunctualKind::Point, f32::INFINITY);
-    let motion = vec![key(from), key(to)];
-    scene.lights.push(PunctualLight { name, kind, intensity: own, position, direction, range, size: 0.0, motion });
+    let light = punctual(PunctualKind::Point, intensity as f32, key(from).position, Vec3::NEG_Y);
+    scene.lights.push(PunctualLight { motion: vec![key(from), key(to)], ..light });
     let whole = |x: f64| intensity * x / (height * x.hypot(height));
     let expected = 0.5 / PI * (whole(to) - whole(from)) / (to - from);
     let stage = Stage::new(Arc::new(scene), Backend::Embree);
@@ -298,8 +298,8 @@ fn is_mean_of_stills(file: &Path, seconds: f64, [opens, closes]: [f64; 2]) {
 
 #[test]
 fn blur_is_the_mean_of_stills_for_rigid_and_changing_forms_and_a_camera() {
-    let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join("moving.glb");
+    let folder = Folder::new();
+    let file = folder.join("moving.glb");
     fs::write(&file, glb::moving()).unwrap();
     is_mean_of_stills(&file, 0.5, [-0.3, 0.4]);
     // Half of the time it stands.
@@ -314,8 +314,8 @@ fn blur_is_the_mean_of_stills_for_skins() {
 
 #[test]
 fn steps_are_as_many_as_motion_bends() {
-    let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join("moving.glb");
+    let folder = Folder::new();
+    let file = folder.join("moving.glb");
     fs::write(&file, glb::moving()).unwrap();
     let files = SceneFiles::open(&file).unwrap();
     let keys = |seconds, closes, steps| {
@@ -334,9 +334,7 @@ fn steps_are_as_many_as_motion_bends() {
 
 #[test]
 fn what_is_asked_of_the_shutter_and_cannot_be_is_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
-    fs::write(path.join("moving.glb"), glb::moving()).unwrap();
+    let path = &Folder::new().with("moving.glb", glb::moving());
     for (flags, words) in [
         ("--shutter -0.25,0.25", "needs a time"),
         ("--frame 2 --shutter 0.25,-0.25", "as in -0.25,0.25"),
@@ -349,8 +347,7 @@ fn what_is_asked_of_the_shutter_and_cannot_be_is_refused() {
         ("--frame 2 --shutter 0,1 --motion-steps 129", "1..=128"),
         ("--frame 2 --shutter 0,1 --rays obvhs", "obvhs does not support motion blur"),
     ] {
-        let said = expect(path, &format!("render moving.glb {flags} -o a.exr"), 64);
-        assert!(said.contains(words), "{flags}: {said}");
+        says(path, &format!("render moving.glb {flags} -o a.exr"), 64, words);
     }
     assert!(!path.join("a.exr").exists());
     let refused = build(Backend::Obvhs, moving_hall());
@@ -359,9 +356,7 @@ fn what_is_asked_of_the_shutter_and_cannot_be_is_refused() {
 
 #[test]
 fn blurred_pictures_have_the_same_bits_however_they_are_rendered() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
-    fs::write(path.join("moving.glb"), glb::moving()).unwrap();
+    let path = &Folder::new().with("moving.glb", glb::moving());
     let flags = "--fps 10 --shutter -2,2.5 --size 40x30 --sky --aov all";
     let line = |more: &str| format!("render moving.glb {flags} {more} -q");
     expect(path, &line("--frame 8 --spp 256 -o whole.exr"), 0);
@@ -377,8 +372,7 @@ fn blurred_pictures_have_the_same_bits_however_they_are_rendered() {
     assert_same_bits(&path.join("whole.exr"), &path.join("more.exr"));
     // Another shutter is another picture, which is not gone on from.
     let other = line("--frame 8 --spp 256 -o more.exr --resume").replace("-2,2.5", "-2,2");
-    let said = expect(path, &other, 65);
-    assert!(said.contains("different scene"), "{said}");
+    says(path, &other, 65, "different scene");
     // Frames of sequences share what they can.
     expect(path, &line("--frames 7-10 --spp 8 -o frame.##.exr"), 0);
     for frame in 7..=10 {
@@ -418,9 +412,7 @@ fn value(channels: &[(String, Vec<u32>)], name: &str, [x, y]: [usize; 2]) -> f32
 
 #[test]
 fn velocities_are_pixels_a_frame_as_nuke_and_blender_read_them() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
-    fs::write(path.join("moving.glb"), glb::moving()).unwrap();
+    let path = &Folder::new().with("moving.glb", glb::moving());
     let line = "render moving.glb --size 80x60 --spp 16 --filter box --sky --fps 10 -q";
     expect(path, &format!("{line} --camera b --frame 5 --aov velocity -o b.exr"), 0);
     let found = bits(&path.join("b.exr"));
@@ -456,8 +448,7 @@ fn velocities_are_pixels_a_frame_as_nuke_and_blender_read_them() {
     // With an open shutter and without one they are the same, but for edges; and without a moment there are none.
     expect(path, &format!("{line} --camera b --frame 5 --aov velocity --shutter -0.1,0.1 -o open.exr"), 0);
     assert!((value(&bits(&path.join("open.exr")), "forward.u", [40, 27]) - u).abs() < 1e-3);
-    let said = expect(path, &format!("{line} --aov velocity -o no.exr"), 64);
-    assert!(said.contains("--aov velocity needs a time"), "{said}");
+    says(path, &format!("{line} --aov velocity -o no.exr"), 64, "--aov velocity needs a time");
     expect(path, &format!("{line} --aov all -o still.exr"), 0);
     assert!(!bits(&path.join("still.exr")).iter().any(|(name, _)| name.starts_with("forward")));
     // A frame goes on to what it would have been at once.

@@ -18,8 +18,8 @@ use image::{ExtendedColorType, ImageEncoder};
 use serde_json::{Value, json};
 
 use crate::helpers::glb;
-use crate::helpers::gltf_parts::{Parts, data_uri};
-use crate::helpers::program::{expect, scene, seal};
+use crate::helpers::gltf_parts::{self, LONGEST, Parts, check_scene, data_uri};
+use crate::helpers::program::{Folder, expect, scene, seal};
 use crate::helpers::random::Random;
 use crate::helpers::shared;
 use crate::import_packed;
@@ -101,11 +101,18 @@ fn streams() -> Vec<Vec<u8>> {
 }
 
 fn valid_files() -> Vec<ValidFile> {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
     let mut all = Vec::new();
     let mut add = |doors: &'static [&'static str], bytes: Vec<u8>| all.push(ValidFile { doors, bytes });
 
-    add(SCENE, glb::triangle());
+    for file in [glb::triangle(), glb::quad(), glb::moving()] {
+        add(SCENE, file);
+    }
+    add(SCENE, import_packed::meshopt("EXT_meshopt_compression", 0, true, false));
+    add(SCENE, import_packed::meshopt("KHR_meshopt_compression", 1, false, true));
+    for speed in [0, 10] {
+        add(SCENE, import_packed::draco(speed));
+    }
     add(SCENE, Parts::default().json().into_bytes());
     for name in ["cornell.glb", "veach.glb"] {
         add(SCENE, fs::read(scene(name)).unwrap());
@@ -128,7 +135,7 @@ fn valid_files() -> Vec<ValidFile> {
     add(&["picture"], jpeg);
     add(&["picture", "environment"], hdr);
 
-    let at = |name: &str| folder.path().join(name);
+    let at = |name: &str| folder.join(name);
     let compressions = [
         Compression::Uncompressed,
         Compression::RLE,
@@ -158,7 +165,7 @@ fn valid_files() -> Vec<ValidFile> {
 
     fs::copy(scene("cornell.glb"), at("cornell.glb")).unwrap();
     let line = "render cornell.glb --size 34x20 --spp 8 --checkpoint 9 -q -o out.exr";
-    expect(folder.path(), line, 0);
+    expect(&folder, line, 0);
     let out = fs::read(at("out.exr")).unwrap();
     add(&["exr", "checkpoint"], out);
     add(&["statistics"], exr_file::read_statistics(&at("out.exr")).unwrap().unwrap());
@@ -170,7 +177,7 @@ fn valid_files() -> Vec<ValidFile> {
     for name in ["a", "b", "c"] {
         fs::copy(scene("cornell.glb"), at(&format!("{name}.glb"))).unwrap();
     }
-    expect(folder.path(), "farm submit jobs.toml --format openjd --parts 2", 0);
+    expect(&folder, "farm submit jobs.toml --format openjd --parts 2", 0);
     add(&["farm"], fs::read(at("jobs.farm/farm.json")).unwrap());
     add(
         &["farm"],
@@ -290,7 +297,7 @@ fn mutated_document(bytes: &[u8], random: &mut Random) -> Option<Vec<u8>> {
     Some(glb::file(&json, &binary))
 }
 
-/// Mutates a file by number and reads it; false if that panics.
+/// Mutates a file by number and reads it; false if that panics, or if a scene is accepted that breaks a promise.
 fn attempt(valid: &[ValidFile], number: u64, folder: &Path) -> bool {
     let mut random = Random(number);
     // Every door is equally frequent.
@@ -303,21 +310,29 @@ fn attempt(valid: &[ValidFile], number: u64, folder: &Path) -> bool {
         // With the checksum renewed, as a forger would, the fields behind it are reached.
         let _ = catch_unwind(AssertUnwindSafe(|| seal(&mut bytes)));
     }
-    catch_unwind(AssertUnwindSafe(|| door(folder, &bytes))).is_ok()
+    catch_unwind(AssertUnwindSafe(|| {
+        if door(folder, &bytes) && ["scene", "decoders"].contains(&name) {
+            let glb = name == "decoders" || bytes.starts_with(b"glTF");
+            let (outcome, time) = gltf_parts::attempt(&folder.join(if glb { "scene.glb" } else { "scene.gltf" }));
+            assert!(time < LONGEST, "{time:?}");
+            check_scene(&outcome.unwrap().unwrap()).unwrap();
+        }
+    }))
+    .is_ok()
 }
 
 /// Mutations of files that no door accepts would test nothing.
 #[test]
 fn valid_files_pass_their_doors() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
     let ours = valid_files();
     for (i, file) in ours.iter().enumerate() {
         for (name, door) in DOORS.iter().filter(|(name, _)| file.doors.contains(name)) {
-            assert!(door(folder.path(), &file.bytes), "valid file {i} at {name}");
+            assert!(door(&folder, &file.bytes), "valid file {i} at {name}");
         }
     }
     let shared = shared_scenes();
-    let taken = shared.iter().filter(|file| doors::scene(folder.path(), &file.bytes)).count();
+    let taken = shared.iter().filter(|file| doors::scene(&folder, &file.bytes)).count();
     assert!(taken * 10 >= shared.len() * 6, "{taken} of {} shared scenes", shared.len());
     assert!(DOORS.iter().all(|(name, _)| ours.iter().any(|file| file.doors.contains(name))));
     if let Some(seeds) = env::var_os("BISMAR_SEEDS") {
@@ -336,7 +351,7 @@ fn no_mutated_file_panics_aborts_or_hangs() {
     let (many, from) = (number("BISMAR_MUTATIONS"), number("BISMAR_MUTATIONS_FROM").unwrap_or(0));
     let numbers = match number("BISMAR_MUTATION") {
         Some(one) => one..one + 1,
-        None => from..from + many.unwrap_or(4000),
+        None => from..from + many.unwrap_or(6000),
     };
     // The decoder's own panics are its way to say no, and forgers meet none of ours.
     let hook = std::panic::take_hook();
@@ -348,10 +363,10 @@ fn no_mutated_file_panics_aborts_or_hangs() {
     }));
     let mut valid = valid_files();
     valid.extend(shared_scenes());
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
     let mut failures = Vec::new();
     for number in numbers {
-        if !attempt(&valid, number, folder.path()) {
+        if !attempt(&valid, number, &folder) {
             failures.push(number);
         }
     }

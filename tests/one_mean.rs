@@ -13,7 +13,7 @@ use bismar::scene::{
 use glam::{DVec3, Vec3, Vec4};
 
 use crate::closed_forms::{BOTH, agrees, polygon_irradiance, settings};
-use crate::helpers::stage::{Stage, add, area_light, lambert, look, metal, rectangle, sphere};
+use crate::helpers::stage::{Stage, add, area_light, lambert, look, metal, punctual, rectangle, sphere};
 use crate::helpers::statistics::z_limit;
 
 /// Radiance of the floor under a lamp of radiance 10 over x in [-0.2, `x1`].
@@ -129,16 +129,8 @@ fn surface(material: Material) -> Scene {
     // The second sphere touches the floor and the surface.
     let sized = [(PunctualKind::Point, 0.2), (PunctualKind::Directional, 0.3), (spot, 1.6)];
     for (kind, size) in points.into_iter().chain(sized) {
-        scene.lights.push(PunctualLight {
-            name: "light".into(),
-            kind,
-            intensity: Vec3::splat(0.5),
-            position: Vec3::new(1.0, 2.0, 1.0),
-            direction: Vec3::new(-1.0, -2.0, -1.0).normalize(),
-            range: f32::INFINITY,
-            size,
-            motion: Vec::new(),
-        });
+        let position = Vec3::new(1.0, 2.0, 1.0);
+        scene.lights.push(PunctualLight { size, ..punctual(kind, 0.5, position, -position.normalize()) });
     }
     look(&mut scene, Vec3::new(0.0, 1.0, 2.0), Vec3::new(0.0, 0.4, 0.0), 0.6);
     scene
@@ -173,9 +165,8 @@ fn all_balances_have_one_mean_on_every_kind_of_surface_under_all_kinds_of_light(
         let reference = of(Balance::Half, 1);
         for balance in balances {
             let mean = of(*balance, 1000);
-            let error = mean.standard_error().hypot(reference.standard_error());
-            let z = (mean.mean - reference.mean) / error;
-            assert!(z.abs() < limit, "{balance:?}: {} for {} ± {error}, z = {z}: {name}", mean.mean, reference.mean);
+            let z = mean.z_to(&reference);
+            assert!(z.abs() < limit, "{balance:?}: {} for {}, z = {z}: {name}", mean.mean, reference.mean);
         }
     }
 }

@@ -27,30 +27,28 @@ fn a_template_is_accepted_and_its_run_is_the_single_machines_picture() {
     let Some(tool) = tool() else { return };
     let folder = folder();
     let flags = "--size 96x64 --spp 64 --aov all";
-    let mut submit = bismar(folder.path());
+    let mut submit = bismar(&folder);
     submit.args(["farm", "submit", "veach.glb", "--parts", "3", "--format", "openjd", "--"]);
     submit.args(flags.split(' ')).args(["-o", "out.exr"]);
     succeeds(submit);
-    let template = folder.path().join("veach.farm/template.json");
+    let template = folder.join("veach.farm/template.json");
     let of = |what: &str| {
         let mut command = Command::new(&tool);
-        command.arg(what).arg(&template).current_dir(folder.path());
+        command.arg(what).arg(&template).current_dir(&folder);
         command
     };
     succeeds(of("check"));
     let said = succeeds(of("run"));
     assert!(said.contains("openjd_progress: 100"), "{said}");
-    expect(folder.path(), &format!("render veach.glb {flags} -o whole.exr -q"), 0);
-    assert_same_bits(&folder.path().join("whole.exr"), &folder.path().join("out.exr"));
-    assert_eq!(status(folder.path(), "veach.farm")["complete"], true);
+    expect(&folder, &format!("render veach.glb {flags} -o whole.exr -q"), 0);
+    assert_same_bits(&folder.join("whole.exr"), &folder.join("out.exr"));
+    assert_eq!(status(&folder, "veach.farm")["complete"], true);
 }
 
 #[test]
 fn a_sequence_runs_as_a_parameter_space() {
     let Some(tool) = tool() else { return };
-    let folder = folder();
-    let path = folder.path();
-    fs::write(path.join("moving.glb"), glb::moving()).unwrap();
+    let path = &folder().with("moving.glb", glb::moving());
     let flags = "--frames 2-6x2 --size 40x30 --spp 4 --fps 10";
     expect(path, &format!("render moving.glb {flags} -o whole.####.exr -q"), 0);
     for (parts, chunk) in [("1", "2"), ("2", "1")] {
@@ -79,9 +77,9 @@ fn a_sequence_runs_as_a_parameter_space() {
 fn a_job_runs_where_its_files_lie_elsewhere() {
     let Some(tool) = tool() else { return };
     let folder = folder();
-    let (there, here) = (folder.path().join("there"), folder.path().join("here"));
+    let (there, here) = (folder.join("there"), folder.join("here"));
     fs::create_dir(&there).unwrap();
-    fs::copy(folder.path().join("veach.glb"), there.join("veach.glb")).unwrap();
+    fs::copy(folder.join("veach.glb"), there.join("veach.glb")).unwrap();
     fs::copy(program::scene("field.hdr"), there.join("sky.hdr")).unwrap();
     let flags = "--size 40x30 --spp 8 --env sky.hdr -o out.exr --preview out.png";
     let mut submit = bismar(&there);
@@ -103,20 +101,20 @@ fn names_are_no_references() {
     let Some(tool) = tool() else { return };
     let folder = folder();
     let flags = "--size 40x20 --spp 2";
-    expect(folder.path(), &format!("render veach.glb {flags} -o whole.exr -q"), 0);
-    let inner = folder.path().join("{{Param.Y}} }} {{");
+    expect(&folder, &format!("render veach.glb {flags} -o whole.exr -q"), 0);
+    let inner = folder.join("{{Param.Y}} }} {{");
     fs::create_dir(&inner).unwrap();
     for name in HOSTILE {
         let scene = format!("{name}.glb");
-        fs::copy(folder.path().join("veach.glb"), inner.join(&scene)).unwrap();
+        fs::copy(folder.join("veach.glb"), inner.join(&scene)).unwrap();
         let mut submit = bismar(&inner);
         submit.args(["farm", "submit", &scene, "--parts", "2", "--format", "openjd", "--"]).args(flags.split(' '));
         succeeds(submit);
         let mut run = Command::new(&tool);
         run.arg("run").arg(inner.join(format!("{name}.farm/template.json"))).current_dir(&inner);
         succeeds(run);
-        assert_same_bits(&folder.path().join("whole.exr"), &inner.join(format!("{name}.exr")));
-        assert!(!inner.join("X").exists() && !folder.path().join("X").exists());
+        assert_same_bits(&folder.join("whole.exr"), &inner.join(format!("{name}.exr")));
+        assert!(!inner.join("X").exists() && !folder.join("X").exists());
     }
 }
 
@@ -128,12 +126,12 @@ fn templates_with_any_braces_and_jobs_called_like_merges_pass_the_check() {
         [("b}", ["a", "merge a"]), ("b}}", ["j}", "}}}}"]), ("}}}", ["merge }", "}"]), ("b{{}", ["merge merge a", "a"])]
     {
         let job = |name: &str| format!("[[job]]\nscene = 'veach.glb'\nname = '{name}'\n");
-        fs::write(folder.path().join(format!("{file}.toml")), jobs.map(job).concat()).unwrap();
-        let mut submit = bismar(folder.path());
+        fs::write(folder.join(format!("{file}.toml")), jobs.map(job).concat()).unwrap();
+        let mut submit = bismar(&folder);
         submit.args(["farm", "submit", &format!("{file}.toml"), "--parts", "2", "--format", "openjd"]);
         succeeds(submit);
         let mut check = Command::new(&tool);
-        check.arg("check").arg(folder.path().join(format!("{file}.farm/template.json")));
+        check.arg("check").arg(folder.join(format!("{file}.farm/template.json")));
         succeeds(check);
     }
 }

@@ -1,15 +1,14 @@
 //! Path re-use: it changes noise, and no mean.
 
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 use bismar::film::Pixels;
 use bismar::rays::Backend;
-use bismar::render::{Balance, Choice, RenderSettings, Technique, render};
+use bismar::render::{Balance, Choice, RenderSettings, Technique};
 use bismar::scene::{Environment, Material, PunctualKind, PunctualLight, Scene};
 use glam::Vec3;
 
-use crate::helpers::stage::{Stage, add, area_light, lambert, look, metal, rectangle, sphere};
+use crate::helpers::stage::{Stage, add, area_light, lambert, look, metal, punctual, rectangle, sphere};
 use crate::helpers::statistics::{Mean, z_limit};
 
 /// These settings with groups of such sizes.
@@ -40,16 +39,8 @@ fn room(material: Material) -> Arc<Scene> {
         add(&mut scene, points, indices, if radius > 0.3 { outer } else { plastic });
     }
     for (x, size) in [(-0.5, 0.0), (0.6, 0.15)] {
-        scene.lights.push(PunctualLight {
-            name: "bulb".into(),
-            kind: PunctualKind::Point,
-            intensity: Vec3::splat(0.2),
-            position: Vec3::new(x, 1.2, 0.3),
-            direction: Vec3::NEG_Y,
-            range: f32::INFINITY,
-            size,
-            motion: Vec::new(),
-        });
+        let light = punctual(PunctualKind::Point, 0.2, Vec3::new(x, 1.2, 0.3), Vec3::NEG_Y);
+        scene.lights.push(PunctualLight { size, ..light });
     }
     look(&mut scene, Vec3::new(0.0, 1.0, 3.5), Vec3::new(0.0, 0.9, 0.0), 0.8);
     Arc::new(scene)
@@ -82,9 +73,8 @@ fn pixels_that_share_paths_have_the_mean_of_those_that_do_not() {
             let guided = settings().with(Technique::Guiding, guiding);
             let of = sharing(mode, RenderSettings { seed: 1000 * number, balance, ..guided });
             let mean = stage.mean_green(&of, REPLICAS);
-            let error = mean.standard_error().hypot(reference.standard_error());
-            let z = (mean.mean - reference.mean) / error;
-            assert!(z.abs() < limit, "{mode}: {} for {} ± {error}, z = {z}: {name}", mean.mean, reference.mean);
+            let z = mean.z_to(&reference);
+            assert!(z.abs() < limit, "{mode}: {} for {}, z = {z}: {name}", mean.mean, reference.mean);
         }
     }
 }
@@ -139,7 +129,7 @@ fn light_that_arrives_by_other_surfaces_is_less_noisy() {
 fn direct_and_indirect_light_add_up_to_the_picture() {
     let stage = Stage::new(room(lambert(0.7)), Backend::Embree);
     let of = sharing("16:4", RenderSettings { aovs: true, ..settings() });
-    let rendered = render(&stage.scene, &of, &AtomicBool::new(false), &|_| ()).unwrap();
+    let rendered = stage.render(&of);
     let pixels = rendered.pixels();
     for (x, y) in (0..of.height).flat_map(|y| (0..of.width).map(move |x| (x, y))) {
         let (stats, sums) = pixels.at(x, y);
@@ -170,7 +160,7 @@ fn paths_are_shared_where_it_pays() {
     let used = |stage: &Stage, seed: u32| {
         let auto = RenderSettings { width: 96, height: 64, spp: Some(16), seed, ..settings() };
         let auto = auto.with(Technique::PathReuse, Choice::Auto);
-        let rendered = render(&stage.scene, &auto, &AtomicBool::new(false), &|_| ()).unwrap();
+        let rendered = stage.render(&auto);
         rendered.stats.techniques[Technique::PathReuse].map(|stats| stats.on)
     };
     let mut plane = Scene { environment: Some(Environment::constant([0.5; 3])), ..Default::default() };
@@ -189,7 +179,7 @@ fn the_variance_of_a_picture_s_mean_counts_how_its_pixels_are_related() {
     let (mut mean, mut estimates) = (Mean::default(), [Mean::default(), Mean::default()]);
     for seed in 0..REPLICAS {
         let of = RenderSettings { seed, ..of.clone() };
-        let rendered = render(&stage.scene, &of, &AtomicBool::new(false), &|_| ()).unwrap();
+        let rendered = stage.render(&of);
         let (mut sum, mut variance, n) = (0.0, 0.0, f64::from(of.width * of.height));
         for pixel in rendered.film().pixels {
             sum += f64::from(pixel.mean()[1]);

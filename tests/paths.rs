@@ -4,20 +4,18 @@ use std::fs;
 use std::os::unix::fs::symlink;
 use std::path::Path;
 
-use crate::helpers::program::{bismar, expect, scene, stderr};
+use crate::helpers::program::{Folder, bismar, expect, says, stderr};
 
 /// A folder with one file of each kind that commands read.
-fn folder() -> tempfile::TempDir {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
-    fs::copy(scene("cornell.glb"), at("cornell.glb")).unwrap();
-    fs::create_dir(at("sub")).unwrap();
-    symlink(".", at("here")).unwrap();
+fn folder() -> Folder {
+    let rules = r#"{"version":"pathmapping-1.0","path_mapping_rules":[]}"#;
+    let folder = Folder::new().with_scene("cornell.glb", "cornell.glb").with("rules.json", rules);
+    fs::create_dir(folder.join("sub")).unwrap();
+    symlink(".", folder.join("here")).unwrap();
     let line = "render cornell.glb --size 40x24 --spp 2 -q --checkpoint 9";
     for flags in ["-o sky.exr", "-o 1.exr --part 1/2", "-o 2.exr --part 2/2"] {
-        expect(folder.path(), &format!("{line} {flags}"), 0);
+        expect(&folder, &format!("{line} {flags}"), 0);
     }
-    fs::write(at("rules.json"), r#"{"version":"pathmapping-1.0","path_mapping_rules":[]}"#).unwrap();
     folder
 }
 
@@ -42,7 +40,7 @@ fn no_input_is_overwritten_whatever_it_is_called() {
     let folder = folder();
     let render = "render cornell.glb --size 40x24 --spp 1 -q";
     let jobs = "[[job]]\nscene = 'cornell.glb'\nsize = '40x24'\nspp = 1\nname = 'a'\n";
-    fs::write(folder.path().join("jobs.toml"), jobs).unwrap();
+    fs::write(folder.join("jobs.toml"), jobs).unwrap();
     // Line with a place for the output, the input that it names, the output's extension.
     let cases = [
         (format!("{render} -o OUT"), "cornell.glb", "exr"),
@@ -66,14 +64,13 @@ fn no_input_is_overwritten_whatever_it_is_called() {
     ];
     let mut tries = 0;
     for (line, input, extension) in cases {
-        let before = fs::read(folder.path().join(input)).unwrap();
-        for name in spellings(folder.path(), input, extension) {
-            let said = expect(folder.path(), &line.replace("OUT", &name), 64);
-            assert!(said.contains("would overwrite"), "{line}, {name}: {said}");
-            assert_eq!(fs::read(folder.path().join(input)).unwrap(), before, "{line}, {name}");
+        let before = fs::read(folder.join(input)).unwrap();
+        for name in spellings(&folder, input, extension) {
+            says(&folder, &line.replace("OUT", &name), 64, "would overwrite");
+            assert_eq!(fs::read(folder.join(input)).unwrap(), before, "{line}, {name}");
             tries += 1;
         }
-        assert!(!folder.path().join("a.exr").exists(), "{line}: something was rendered");
+        assert!(!folder.join("a.exr").exists(), "{line}: something was rendered");
     }
     println!("{tries} tries, no input lost");
 }
@@ -82,7 +79,7 @@ fn no_input_is_overwritten_whatever_it_is_called() {
 fn no_two_outputs_are_one_file() {
     let folder = folder();
     let render = "render cornell.glb --size 40x24 --spp 1 -q";
-    symlink("new.exr", folder.path().join("dangling.png")).unwrap();
+    symlink("new.exr", folder.join("dangling.png")).unwrap();
     for (line, code) in [
         (format!("{render} -o sky.exr --stats ./sky.exr"), 64),
         (format!("{render} -o new.exr --stats here/new.exr"), 64),
@@ -91,7 +88,7 @@ fn no_two_outputs_are_one_file() {
         ("merge 1.exr 2.exr -q -o new.exr --preview dangling.png".into(), 64),
         (format!("{render} -o /dev/null --stats /dev/null --preview /dev/null"), 0),
     ] {
-        let said = expect(folder.path(), &line, code);
+        let said = expect(&folder, &line, code);
         assert!(code == 0 || said.contains("two outputs"), "{line}: {said}");
     }
 }
@@ -99,7 +96,7 @@ fn no_two_outputs_are_one_file() {
 #[test]
 fn jobs_of_a_batch_write_nothing_that_another_reads_or_writes() {
     let folder = folder();
-    symlink("new", folder.path().join("link")).unwrap();
+    symlink("new", folder.join("link")).unwrap();
     let job = |name: &str, more: &str| {
         format!("[[job]]\nscene = 'cornell.glb'\nsize = '40x24'\nspp = 1\nname = '{name}'\n{more}\n")
     };
@@ -115,32 +112,35 @@ fn jobs_of_a_batch_write_nothing_that_another_reads_or_writes() {
         ("env = 'sky.exr'", "output = 'here/sky.exr'", "would overwrite --env of 'a'"),
         ("output = 'here/sky.exr'", "env = 'sky.exr'", "would overwrite --env of 'b'"),
     ] {
-        fs::write(folder.path().join("jobs.toml"), job("a", first) + &job("b", second)).unwrap();
-        let said = expect(folder.path(), "batch jobs.toml -q", 78);
+        fs::write(folder.join("jobs.toml"), job("a", first) + &job("b", second)).unwrap();
+        let said = expect(&folder, "batch jobs.toml -q", 78);
         assert!(said.contains(words) && said.contains("jobs.toml:"), "{first}, {second}: {said}");
     }
-    fs::write(folder.path().join("jobs.toml"), job("a", "output = 'report.json.exr'")).unwrap();
-    let said = expect(folder.path(), "batch jobs.toml -q --report sub/../report.json.exr", 64);
-    assert!(said.contains("two outputs"), "{said}");
+    fs::write(folder.join("jobs.toml"), job("a", "output = 'report.json.exr'")).unwrap();
+    says(&folder, "batch jobs.toml -q --report sub/../report.json.exr", 64, "two outputs");
 }
 
 #[test]
 fn the_files_that_a_scene_names_are_inputs_too() {
-    let folder = tempfile::tempdir().unwrap();
-    let picture = folder.path().join("wood.png");
+    let folder = Folder::new();
+    let picture = folder.join("wood.png");
     let pixel = [255, 0, 0];
     image::save_buffer(&picture, &pixel, 1, 1, image::ColorType::Rgb8).unwrap();
     let json = r#"{"asset":{"version":"2.0"},"images":[{"uri":"wood.png"}]}"#;
-    fs::write(folder.path().join("scene.gltf"), json).unwrap();
+    fs::write(folder.join("scene.gltf"), json).unwrap();
     let before = fs::read(&picture).unwrap();
-    let said = expect(folder.path(), "render scene.gltf --size 40x24 --spp 1 --preview ./wood.png", 64);
-    assert!(said.contains("--preview ./wood.png would overwrite the scene's"), "{said}");
+    says(
+        &folder,
+        "render scene.gltf --size 40x24 --spp 1 --preview ./wood.png",
+        64,
+        "--preview ./wood.png would overwrite the scene's",
+    );
     fs::write(
-        folder.path().join("jobs.toml"),
+        folder.join("jobs.toml"),
         "[[job]]\nscene = 'scene.gltf'\nsize = '40x24'\nspp = 1\npreview = 'wood.png'\n",
     )
     .unwrap();
-    let output = bismar(folder.path()).args(["batch", "jobs.toml", "-q"]).output().unwrap();
+    let output = bismar(&folder).args(["batch", "jobs.toml", "-q"]).output().unwrap();
     assert_eq!(output.status.code(), Some(64), "{}", stderr(&output));
     assert_eq!(fs::read(&picture).unwrap(), before);
 }

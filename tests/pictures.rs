@@ -8,15 +8,12 @@ use std::time::Duration;
 
 use crate::helpers::gltf_parts::Parts;
 use crate::helpers::pictures::{python, run};
-use crate::helpers::program::{self, bismar, bits, expect, scene};
+use crate::helpers::program::{self, Folder, bismar, bits, channel, expect, says, stdout};
 use crate::helpers::skipped::skipped;
 
 /// A folder with `cornell.glb`.
-fn folder() -> tempfile::TempDir {
-    let folder = tempfile::tempdir().unwrap();
-    fs::copy(scene("cornell.glb"), folder.path().join("cornell.glb")).unwrap();
-    fs::copy(scene("field.hdr"), folder.path().join("field.hdr")).unwrap();
-    folder
+fn folder() -> Folder {
+    Folder::new().with_scene("cornell.glb", "cornell.glb").with_scene("field.hdr", "field.hdr")
 }
 
 /// `out.exr`, saved by a render that was then interrupted.
@@ -35,8 +32,8 @@ fn every_kind_of_file_opens_in_openimageio_and_blender_without_a_word() {
     let Some(python) = python() else { return };
     let folder = folder();
     let line = "render cornell.glb --size 80x60 -q --spp 4 --threads 1";
-    interrupted(folder.path(), "render cornell.glb --size 80x60 --spp 100000 --checkpoint 0.05 -q -o out.exr");
-    fs::rename(folder.path().join("out.exr"), folder.path().join("interrupted.exr")).unwrap();
+    interrupted(&folder, "render cornell.glb --size 80x60 --spp 100000 --checkpoint 0.05 -q -o out.exr");
+    fs::rename(folder.join("out.exr"), folder.join("interrupted.exr")).unwrap();
     for (flags, name) in [
         ("", "finished"),
         ("--aov all --checkpoint 9", "all"),
@@ -46,12 +43,12 @@ fn every_kind_of_file_opens_in_openimageio_and_blender_without_a_word() {
         ("--part 2/2", "part2"),
         ("--crop 13,9,50,33 --checkpoint 9", "crop"),
     ] {
-        expect(folder.path(), &format!("{line} {flags} -o {name}.exr"), 0);
+        expect(&folder, &format!("{line} {flags} -o {name}.exr"), 0);
     }
-    expect(folder.path(), "merge part1.exr part2.exr -o merged.exr -q", 0);
+    expect(&folder, "merge part1.exr part2.exr -o merged.exr -q", 0);
     let names = ["finished", "interrupted", "part1", "merged", "crop", "all", "half", "transparent"];
     let files: Vec<_> = names.iter().map(|name| format!("{name}.exr")).collect();
-    let seen = run(&python, "look.py", folder.path(), &files.iter().map(String::as_str).collect::<Vec<_>>());
+    let seen = run(&python, "look.py", &folder, &files.iter().map(String::as_str).collect::<Vec<_>>());
     for file in &files {
         let of = &seen[file];
         assert_eq!((&of["said"], &of["parts"]), (&"".into(), &1.into()), "{file}: {of}");
@@ -64,7 +61,7 @@ fn every_kind_of_file_opens_in_openimageio_and_blender_without_a_word() {
     }
     assert_eq!(seen["half.exr"]["channels"]["R"], "half");
     assert_eq!(seen["half.exr"]["channels"]["depth.Z"], "float");
-    let [all, half] = ["all.exr", "half.exr"].map(|name| fs::metadata(folder.path().join(name)).unwrap().len());
+    let [all, half] = ["all.exr", "half.exr"].map(|name| fs::metadata(folder.join(name)).unwrap().len());
     assert!(2 * half < all, "{half} for {all} bytes");
 }
 
@@ -72,18 +69,15 @@ fn every_kind_of_file_opens_in_openimageio_and_blender_without_a_word() {
 fn alpha_is_1_where_the_sky_is_shown_and_coverage_where_it_is_left_out() {
     let folder = folder();
     let line = "render cornell.glb --size 40x30 --spp 8 -q --env field.hdr";
-    expect(folder.path(), &format!("{line} -o sky.exr"), 0);
-    expect(folder.path(), &format!("{line} -o open.exr --transparent --preview open.png"), 0);
-    expect(folder.path(), "render cornell.glb --size 40x30 --spp 8 -q --no-env -o none.exr", 0);
-    let channel = |file: &str, name: &str| -> Vec<f32> {
-        let all = bits(&folder.path().join(file));
-        all.into_iter().find(|(n, _)| n == name).unwrap().1.into_iter().map(f32::from_bits).collect()
-    };
-    let (sky, open, none) = (channel("sky.exr", "A"), channel("open.exr", "A"), channel("none.exr", "A"));
+    expect(&folder, &format!("{line} -o sky.exr"), 0);
+    expect(&folder, &format!("{line} -o open.exr --transparent --preview open.png"), 0);
+    expect(&folder, "render cornell.glb --size 40x30 --spp 8 -q --no-env -o none.exr", 0);
+    let of = |file: &str, name: &str| channel(&folder.join(file), name);
+    let (sky, open, none) = (of("sky.exr", "A"), of("open.exr", "A"), of("none.exr", "A"));
     assert!(sky.iter().all(|a| *a == 1.0));
     assert!(open == none && open.contains(&0.0) && open.contains(&1.0), "{open:?}");
     // Where nothing is, nothing is shown; where everything is, it is lit all the same.
-    let (shown, left) = (channel("sky.exr", "G"), channel("open.exr", "G"));
+    let (shown, left) = (of("sky.exr", "G"), of("open.exr", "G"));
     for ((a, b), alpha) in shown.iter().zip(&left).zip(&open) {
         match alpha {
             0.0 => assert!(*b == 0.0 && *a > 0.0),
@@ -91,7 +85,7 @@ fn alpha_is_1_where_the_sky_is_shown_and_coverage_where_it_is_left_out() {
             _ => assert!(b <= a, "{b} {a}"),
         }
     }
-    let png = image::open(folder.path().join("open.png")).unwrap();
+    let png = image::open(folder.join("open.png")).unwrap();
     assert_eq!(png.color(), image::ColorType::Rgba8);
     let opaque: Vec<_> = png.into_rgba8().pixels().map(|p| f32::from(p.0[3]) / 255.0).collect();
     assert!(opaque.iter().zip(&open).all(|(a, b)| (a - b).abs() <= 0.5 / 255.0 + 1e-6));
@@ -100,10 +94,8 @@ fn alpha_is_1_where_the_sky_is_shown_and_coverage_where_it_is_left_out() {
 #[test]
 fn where_nothing_is_depth_is_finite() {
     let folder = folder();
-    expect(folder.path(), "render cornell.glb --size 40x30 --spp 2 -q --aov depth -o a.exr", 0);
-    let all = bits(&folder.path().join("a.exr"));
-    let depth = &all.iter().find(|(n, _)| n == "depth.Z").unwrap().1;
-    let depth: Vec<_> = depth.iter().map(|b| f32::from_bits(*b)).collect();
+    expect(&folder, "render cornell.glb --size 40x30 --spp 2 -q --aov depth -o a.exr", 0);
+    let depth = channel(&folder.join("a.exr"), "depth.Z");
     assert!(depth.contains(&1e10) && depth.iter().all(|d| *d > 0.0 && *d <= 1e10));
 }
 
@@ -114,49 +106,46 @@ fn rgb(path: &Path) -> Vec<u8> {
 #[test]
 fn a_picture_is_developed_from_its_file_as_it_was_when_it_was_rendered() {
     let folder = folder();
-    let file = |name: &str| folder.path().join(name);
+    let file = |name: &str| folder.join(name);
     let line = "render cornell.glb --size 40x30 --spp 8 --env field.hdr -o a.exr --preview a.png";
-    let said = expect(folder.path(), line, 0);
+    let said = expect(&folder, line, 0);
     let exposure: f32 = program::attribute(&file("a.exr"), "bismar.exposure").parse().unwrap();
     assert!(exposure != 0.0 && said.contains(&format!("exposure {exposure} EV")), "{said}");
-    let said = expect(folder.path(), "develop a.exr -o again.png", 0);
-    assert!(said.contains(&format!("again.png: view agx, exposure {exposure} EV")), "{said}");
+    says(&folder, "develop a.exr -o again.png", 0, &format!("again.png: view agx, exposure {exposure} EV"));
     assert_eq!(rgb(&file("a.png")), rgb(&file("again.png")));
     // The value that was printed gives the same picture; another one does not.
-    expect(folder.path(), &format!("{line} --exposure {exposure} -q"), 0);
+    expect(&folder, &format!("{line} --exposure {exposure} -q"), 0);
     assert_eq!(rgb(&file("a.png")), rgb(&file("again.png")));
-    expect(folder.path(), "develop a.exr -o again.png --exposure 3 -q", 0);
+    expect(&folder, "develop a.exr -o again.png --exposure 3 -q", 0);
     assert_ne!(rgb(&file("a.png")), rgb(&file("again.png")));
     // Pictures of others, and other layers.
-    expect(folder.path(), "develop field.hdr -q", 0);
+    expect(&folder, "develop field.hdr -q", 0);
     assert!(file("field.png").exists());
-    expect(folder.path(), "develop a.exr --layer samples -o s.png --view srgb -q", 0);
+    expect(&folder, "develop a.exr --layer samples -o s.png --view srgb -q", 0);
     let pixels = rgb(&file("s.png"));
     // 8 paths everywhere: one grey, but for dithering.
     assert!(pixels.iter().all(|byte| byte.abs_diff(pixels[0]) <= 1));
-    let said = expect(folder.path(), "develop a.exr --layer fog -o f.png", 65);
+    let said = expect(&folder, "develop a.exr --layer fog -o f.png", 65);
     assert!(said.contains("no layer 'fog'") && said.contains("variance.R"), "{said}");
-    let said = expect(folder.path(), "render cornell.glb -o b.png", 64);
-    assert!(said.contains("-o b.exr --preview b.png"), "{said}");
-    expect(folder.path(), "develop cornell.glb", 65);
-    expect(folder.path(), "develop absent.exr", 66);
+    says(&folder, "render cornell.glb -o b.png", 64, "-o b.exr --preview b.png");
+    expect(&folder, "develop cornell.glb", 65);
+    expect(&folder, "develop absent.exr", 66);
 }
 
 #[test]
 fn a_png_that_was_changed_or_cut_is_written_again() {
     let folder = folder();
-    let file = |name: &str| folder.path().join(name);
+    let file = |name: &str| folder.join(name);
     let line = "render cornell.glb --size 40x30 --spp 8 -o a.exr --preview a.png --resume";
-    expect(folder.path(), line, 0);
+    expect(&folder, line, 0);
     let (picture, png) = (fs::read(file("a.exr")).unwrap(), fs::read(file("a.png")).unwrap());
-    let said = expect(folder.path(), line, 0);
+    let said = expect(&folder, line, 0);
     assert!(said.contains("nothing to do"), "{said}");
     let mut flipped = png.clone();
     flipped[png.len() / 2] ^= 1;
     for bytes in [&flipped[..], &png[..png.len() - 1], &png[..png.len() / 2], b""] {
         fs::write(file("a.png"), bytes).unwrap();
-        let said = expect(folder.path(), line, 0);
-        assert!(said.contains("the PNG is written again"), "{said}");
+        says(&folder, line, 0, "the PNG is written again");
         assert!(fs::read(file("a.png")).unwrap() == png && fs::read(file("a.exr")).unwrap() == picture);
     }
 }
@@ -166,9 +155,9 @@ fn a_batch_develops_anew_what_is_to_look_otherwise_and_renders_nothing() {
     let folder = folder();
     let jobs = |more: &str| {
         let text = format!("[[job]]\nscene = 'cornell.glb'\nsize = '40x30'\nspp = 4\npreview = '{{name}}.png'\n{more}");
-        fs::write(folder.path().join("jobs.toml"), text).unwrap();
-        expect(folder.path(), "batch jobs.toml -q", 0);
-        let read = |name: &str| fs::read(folder.path().join(name)).unwrap();
+        fs::write(folder.join("jobs.toml"), text).unwrap();
+        expect(&folder, "batch jobs.toml -q", 0);
+        let read = |name: &str| fs::read(folder.join(name)).unwrap();
         (read("cornell.exr"), read("cornell.png"))
     };
     let (picture, first) = jobs("");
@@ -177,21 +166,19 @@ fn a_batch_develops_anew_what_is_to_look_otherwise_and_renders_nothing() {
     assert!(same == picture && brighter != first);
     let (same, neutral) = jobs("exposure = 2\nview = 'neutral'");
     assert!(same == picture && neutral != brighter);
-    fs::remove_file(folder.path().join("cornell.png")).unwrap();
+    fs::remove_file(folder.join("cornell.png")).unwrap();
     assert_eq!(jobs(""), (picture, first));
 }
 
 #[test]
 fn a_scene_without_camera_fills_pictures_of_any_shape_and_is_not_cut_off() {
-    let folder = tempfile::tempdir().unwrap();
-    fs::write(folder.path().join("thicket.glb"), crate::helpers::glb::thicket(3000)).unwrap();
+    let folder = Folder::new().with("thicket.glb", crate::helpers::glb::thicket(3000));
     for (width, height) in [(100_usize, 300_usize), (200, 200), (320, 180)] {
         let line = format!("render thicket.glb --size {width}x{height} --spp 4 --filter box --transparent -q -o a.exr");
-        let said = expect(folder.path(), &line, 0);
+        let said = expect(&folder, &line, 0);
         assert!(said.is_empty(), "{said}");
-        let all = bits(&folder.path().join("a.exr"));
-        let alpha = &all.iter().find(|(name, _)| name == "A").unwrap().1;
-        let there = (0..alpha.len()).filter(|i| f32::from_bits(alpha[*i]) > 0.0);
+        let alpha = channel(&folder.join("a.exr"), "A");
+        let there = (0..alpha.len()).filter(|i| alpha[*i] > 0.0);
         let (mut low, mut high) = ([width, height], [0, 0]);
         for i in there {
             let at = [i % width, i / width];
@@ -216,10 +203,10 @@ fn a_picture_that_is_black_everywhere_is_told() {
         more: r#","materials":[{"emissiveFactor":[1,1,1]}]"#.into(),
         ..Default::default()
     };
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
     let said = |rotation| {
-        fs::write(folder.path().join("lamp.gltf"), area_light(rotation).json()).unwrap();
-        expect(folder.path(), "render lamp.gltf --size 24x18 --spp 2", 0)
+        fs::write(folder.join("lamp.gltf"), area_light(rotation).json()).unwrap();
+        expect(&folder, "render lamp.gltf --size 24x18 --spp 2", 0)
     };
     assert!(!said("[0,0,0,1]").contains(" is black "));
     // An area light that shows its back.
@@ -235,10 +222,10 @@ fn unlit_labels_take_no_light_from_what_is_beside_them() {
             r#"{"attributes":{"POSITION":0},"material":0},{"attributes":{"POSITION":0},"material":1}"#.into();
         Parts { primitive, more: format!(r#","materials":[{unlit},{other}]"#), ..Default::default() }.json()
     };
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
     let said = |other: &str| {
-        fs::write(folder.path().join("a.gltf"), scene(other)).unwrap();
-        expect(folder.path(), "render a.gltf --size 24x18 --spp 2", 0)
+        fs::write(folder.join("a.gltf"), scene(other)).unwrap();
+        expect(&folder, "render a.gltf --size 24x18 --spp 2", 0)
     };
     assert!(said("{}").contains("soft studio light is added"));
     assert!(!said(r#"{"extensions":{"KHR_materials_unlit":{}}}"#).contains("studio"));
@@ -247,17 +234,14 @@ fn unlit_labels_take_no_light_from_what_is_beside_them() {
 
 #[test]
 fn pictures_of_any_kind_are_compared_in_part_by_layer_and_by_folder() {
-    let folder = folder();
-    let path = folder.path();
+    let path = &folder();
     let line = "render cornell.glb --size 40x30 --spp 8 -q --aov all";
     for (flags, name) in [("", "a/1"), ("--seed 5", "b/1"), ("--crop 8,4,30,20", "a/crop"), ("", "b/crop")] {
         fs::create_dir_all(path.join(name).parent().unwrap()).unwrap();
         expect(path, &format!("{line} {flags} -o {name}.exr"), 0);
     }
     let compared = |line: &str| -> serde_json::Value {
-        let output = bismar(path).args(["compare"]).args(line.split(' ')).arg("--json").output().unwrap();
-        assert_eq!(output.status.code(), Some(0), "{}", program::stderr(&output));
-        serde_json::from_slice(&output.stdout).unwrap()
+        serde_json::from_str(&stdout(path, &format!("compare {line} --json"), 0)).unwrap()
     };
     // A crop has the bits of the whole, on either side.
     for line in ["a/crop.exr a/1.exr", "a/1.exr a/crop.exr"] {
@@ -281,8 +265,7 @@ fn pictures_of_any_kind_are_compared_in_part_by_layer_and_by_folder() {
     let rows = fs::read_to_string(path.join("pairs.csv")).unwrap();
     assert_eq!(rows.lines().count(), 3);
     assert!(rows.starts_with("a,b,width,height,rel_mse,") && rows.contains("\"a/1.exr\",\"b/1.exr\",40,30,"), "{rows}");
-    let said = expect(path, "compare a b --max-flip 0.001", 1);
-    assert!(said.contains("a/1.exr: FLIP"), "{said}");
+    says(path, "compare a b --max-flip 0.001", 1, "a/1.exr: FLIP");
     fs::create_dir(path.join("c")).unwrap();
     expect(path, "compare a c", 65);
 }
@@ -330,8 +313,7 @@ pub fn false_denoiser(folder: &Path, name: &str, what: &str) -> std::path::PathB
 
 #[test]
 fn a_picture_is_there_whatever_its_denoiser_does() {
-    let folder = folder();
-    let path = folder.path();
+    let path = &folder();
     expect(path, "render cornell.glb --size 80x60 --spp 8 -q -o plain.exr", 0);
     let line = "render cornell.glb --size 80x60 --spp 8 -q --denoise oidn -o a.exr --preview a.png --resume";
     let command = |name: &str, what: &str| {
@@ -374,11 +356,7 @@ fn a_picture_is_there_whatever_its_denoiser_does() {
     let good = "for (size_t i = 0; i < 3 * w * h; i++) out[i] = 2 * in[i];";
     let output = command("good.so", good).output().unwrap();
     assert_eq!(output.status.code(), Some(0), "{}", program::stderr(&output));
-    let with = bits(&path.join("a.exr"));
-    let red = |name: &str| {
-        let (_, values) = with.iter().find(|(other, _)| other == name).unwrap();
-        values.iter().map(|bits| f32::from_bits(*bits)).collect::<Vec<_>>()
-    };
+    let red = |name: &str| channel(&path.join("a.exr"), name);
     assert!(holds_it() && red("R").iter().zip(red("denoised.R")).all(|(x, y)| 2.0 * x == y));
     assert!(path.join("a.png").exists());
     let written = fs::metadata(path.join("a.exr")).unwrap().modified().unwrap();
@@ -391,25 +369,25 @@ fn noise_is_taken_out_into_a_layer_of_its_own_or_it_is_said_how_to_get_the_libra
     let folder = folder();
     let line = "render cornell.glb --size 80x60 --spp 8 -q";
     let render = |flags: &str, library: &str| {
-        let mut command = bismar(folder.path());
+        let mut command = bismar(&folder);
         command.args(line.split(' ')).args(flags.split(' ')).env("BISMAR_OIDN", library);
         let output = command.output().unwrap();
         (output.status.code(), program::stderr(&output))
     };
     let (code, said) = render("--denoise oidn -o none.exr", "/not/there.so");
     assert!(code == Some(76) && said.contains("RenderKit/oidn/releases"), "{code:?} {said}");
-    assert!(!folder.path().join("none.exr").exists());
+    assert!(!folder.join("none.exr").exists());
     let Some(library) = denoiser() else { return };
     let (code, said) = render("--denoise oidn -o a.exr --preview a.png", library.to_str().unwrap());
     assert_eq!(code, Some(0), "{said}");
-    expect(folder.path(), &format!("{line} -o plain.exr"), 0);
-    expect(folder.path(), "render cornell.glb --size 80x60 --spp 1024 --seed 9 -q -o true.exr", 0);
-    let [plain, with] = ["plain.exr", "a.exr"].map(|name| bits(&folder.path().join(name)));
+    expect(&folder, &format!("{line} -o plain.exr"), 0);
+    expect(&folder, "render cornell.glb --size 80x60 --spp 1024 --seed 9 -q -o true.exr", 0);
+    let [plain, with] = ["plain.exr", "a.exr"].map(|name| bits(&folder.join(name)));
     for (name, values) in &plain {
         assert!(with.iter().any(|(other, same)| other == name && same == values), "{name} has changed");
     }
     // Nearer to the truth than what it was made of.
-    let open = |name: &str, layer| bismar::film::Picture::open(&folder.path().join(name), layer).unwrap();
+    let open = |name: &str, layer| bismar::film::Picture::open(&folder.join(name), layer).unwrap();
     let truth = open("true.exr", None);
     let error = |picture| bismar::film::compare::compare(&picture, &truth).unwrap().rel_mse;
     let (noisy, clean) = (error(open("a.exr", None)), error(open("a.exr", Some("denoised"))));

@@ -2,7 +2,7 @@
 //! asks is informed.
 
 use std::fs;
-use std::io::{BufRead, BufReader, Read, Write};
+use std::io::Write;
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::sync::atomic::AtomicBool;
@@ -13,14 +13,14 @@ use bismar::render::lens::{Aperture, Focus, LensSettings};
 use bismar::render::{Balance, Part, RenderSettings, RunOptions, StopReason, StudyOptions, render, replay, run};
 
 use crate::helpers::gltf_parts::{Parts, TRIANGLE, floats};
-use crate::helpers::program::{self, assert_same_bits, attribute, bismar, expect, names, scene, stderr};
+use crate::helpers::program::{
+    self, Folder, Running, assert_same_bits, attribute, bismar, expect, names, says, stderr,
+};
 use crate::helpers::skipped::skipped;
 use crate::helpers::stage::{Stage, hall};
 
-fn folder() -> tempfile::TempDir {
-    let folder = tempfile::tempdir().unwrap();
-    fs::copy(scene("cornell.glb"), folder.path().join("cornell.glb")).unwrap();
-    folder
+fn folder() -> Folder {
+    Folder::new().with_scene("cornell.glb", "cornell.glb")
 }
 
 #[test]
@@ -29,27 +29,23 @@ fn the_second_of_two_writers_is_told() {
     let long = "render cornell.glb --size 96x64 --spp 100000 -o out.exr --progress plain";
     for checkpoint in ["", " --checkpoint 0.02"] {
         let line = format!("{long}{checkpoint}");
-        let mut first =
-            bismar(folder.path()).args(line.split(' ')).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
-        let mut lines = BufReader::new(first.stderr.take().unwrap());
-        let mut said = String::new();
-        while !said.contains("PROGRESS") || !(checkpoint.is_empty() || folder.path().join("out.exr").exists()) {
-            assert_ne!(lines.read_line(&mut said).unwrap(), 0, "it ended by itself:\n{said}");
+        let mut first = Running::start(&folder, &line);
+        first.until("PROGRESS");
+        while !checkpoint.is_empty() && !folder.join("out.exr").exists() {
+            first.next_line();
         }
         for second in [
             "render cornell.glb --size 8x8 --spp 1 -o ./out.exr",
             "render cornell.glb --size 8x8 --spp 1 -o out.exr --resume",
             "render cornell.glb --size 8x8 --spp 1 -o other.exr --stats out.exr",
         ] {
-            let said = expect(folder.path(), second, 73);
-            assert!(said.contains("another bismar is writing it"), "{second}: {said}");
+            says(&folder, second, 73, "another bismar is writing it");
         }
-        program::signal(&first, "-TERM");
-        lines.read_to_string(&mut said).unwrap();
-        assert_eq!(first.wait().unwrap().code(), Some(75), "{said}");
-        expect(folder.path(), "render cornell.glb --size 8x8 --spp 1 -o out.exr -q", 0);
-        assert_eq!(names(folder.path()), ["cornell.glb", "out.exr"]);
-        fs::remove_file(folder.path().join("out.exr")).unwrap();
+        let (code, said) = first.end("-TERM");
+        assert_eq!(code, Some(75), "{said}");
+        expect(&folder, "render cornell.glb --size 8x8 --spp 1 -o out.exr -q", 0);
+        assert_eq!(names(&folder), ["cornell.glb", "out.exr"]);
+        fs::remove_file(folder.join("out.exr")).unwrap();
     }
 }
 
@@ -60,21 +56,21 @@ fn merge_asks_of_parts_what_resume_asks() {
     let line = "render cornell.glb --size 40x30 -q --checkpoint 9 --resume";
     for (part, goals) in [(1, &["64", "256"][..]), (2, &["256"])] {
         for goal in goals {
-            expect(folder.path(), &format!("{line} --part {part}/2 --spp {goal} -o {part}.exr"), 0);
+            expect(&folder, &format!("{line} --part {part}/2 --spp {goal} -o {part}.exr"), 0);
         }
     }
-    let said = expect(folder.path(), "merge 1.exr 2.exr -o out.exr", 0);
+    let said = expect(&folder, "merge 1.exr 2.exr -o out.exr", 0);
     assert!(said.contains("1.exr was begun with another goal") && said.contains(OTHER_PASSES), "{said}");
     assert!(!said.contains("2.exr was begun"), "{said}");
     // From a multiple of 128 there is nothing to tell, and the bits are those of the whole.
-    fs::remove_file(folder.path().join("1.exr")).unwrap();
+    fs::remove_file(folder.join("1.exr")).unwrap();
     for goal in ["128", "256"] {
-        expect(folder.path(), &format!("{line} --part 1/2 --spp {goal} -o 1.exr"), 0);
+        expect(&folder, &format!("{line} --part 1/2 --spp {goal} -o 1.exr"), 0);
     }
-    let said = expect(folder.path(), "merge 1.exr 2.exr -o out.exr", 0);
+    let said = expect(&folder, "merge 1.exr 2.exr -o out.exr", 0);
     assert!(!said.contains(OTHER_PASSES), "{said}");
-    expect(folder.path(), "render cornell.glb --size 40x30 -q --spp 256 -o whole.exr", 0);
-    assert_same_bits(&folder.path().join("whole.exr"), &folder.path().join("out.exr"));
+    expect(&folder, "render cornell.glb --size 40x30 -q --spp 256 -o whole.exr", 0);
+    assert_same_bits(&folder.join("whole.exr"), &folder.join("out.exr"));
 }
 
 #[test]
@@ -83,13 +79,13 @@ fn merge_knows_what_its_parts_have_learned_and_how_passes_were_cut() {
     let folder = folder();
     let parts = |flags: &str, goals: &[&str]| {
         for (part, goals) in [(1, goals), (2, &goals[goals.len() - 1..])] {
-            let _ = fs::remove_file(folder.path().join(format!("{part}.exr")));
+            let _ = fs::remove_file(folder.join(format!("{part}.exr")));
             for goal in goals {
                 let line = format!("render cornell.glb --size 40x30 -q --checkpoint 9 --resume {flags}");
-                expect(folder.path(), &format!("{line} --part {part}/2 --spp {goal} -o {part}.exr"), 0);
+                expect(&folder, &format!("{line} --part {part}/2 --spp {goal} -o {part}.exr"), 0);
             }
         }
-        expect(folder.path(), "merge 1.exr 2.exr -o out.exr", 0)
+        expect(&folder, "merge 1.exr 2.exr -o out.exr", 0)
     };
     // As many passes, but others; and the same passes with another field.
     for (flags, goals) in
@@ -102,8 +98,8 @@ fn merge_knows_what_its_parts_have_learned_and_how_passes_were_cut() {
         let said = parts(flags, goals);
         assert!(!said.contains(TOLD), "{flags} {goals:?}: {said}");
         let spp = goals[goals.len() - 1];
-        expect(folder.path(), &format!("render cornell.glb --size 40x30 -q {flags} --spp {spp} -o whole.exr"), 0);
-        assert_same_bits(&folder.path().join("whole.exr"), &folder.path().join("out.exr"));
+        expect(&folder, &format!("render cornell.glb --size 40x30 -q {flags} --spp {spp} -o whole.exr"), 0);
+        assert_same_bits(&folder.join("whole.exr"), &folder.join("out.exr"));
     }
 }
 
@@ -111,8 +107,7 @@ fn merge_knows_what_its_parts_have_learned_and_how_passes_were_cut() {
 #[test]
 fn a_noise_goal_that_goes_on_with_more_paths_says_that_its_bits_are_others() {
     const TOLD: &str = "was begun with another goal";
-    let folder = folder();
-    let path = folder.path();
+    let path = &folder();
     let line = "render cornell.glb --size 40x30 --noise 0.02 --checkpoint 9 --spp";
     for (first, told) in [(100, true), (128, false), (64, true)] {
         let _ = fs::remove_file(path.join("out.exr"));
@@ -128,8 +123,7 @@ fn a_noise_goal_that_goes_on_with_more_paths_says_that_its_bits_are_others() {
 
 #[test]
 fn parts_of_a_scene_with_and_without_a_texture_are_of_different_renders() {
-    let folder = folder();
-    let path = folder.path();
+    let path = &folder();
     let mut positions = floats(&TRIANGLE);
     positions.extend(floats(&[0.0, 0.0, 1.0, 0.0, 0.0, 1.0]));
     let accessor = r#"{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"},
@@ -147,8 +141,7 @@ fn parts_of_a_scene_with_and_without_a_texture_are_of_different_renders() {
     part(1, 0);
     image::RgbImage::from_pixel(2, 2, image::Rgb([255, 0, 0])).save(path.join("a.png")).unwrap();
     part(2, 0);
-    let said = expect(path, "merge 1.exr 2.exr -o out.exr", 65);
-    assert!(said.contains("different scene"), "{said}");
+    says(path, "merge 1.exr 2.exr -o out.exr", 65, "different scene");
     // Neither is what was rendered without it finished.
     let said = part(1, 65);
     assert!(said.contains("holds another render"), "{said}");
@@ -159,8 +152,7 @@ fn parts_of_a_scene_with_and_without_a_texture_are_of_different_renders() {
 
 #[test]
 fn only_copies_of_this_render_are_removed() {
-    let folder = folder();
-    let path = folder.path();
+    let path = &folder();
     let line = "render cornell.glb --size 40x30 --spp 4 -q --checkpoint 9 -o";
     // A picture of somebody else's, one that is no picture, a link, and an environment.
     expect(path, &format!("{line} k.checkpoint-0001.exr"), 0);
@@ -190,22 +182,15 @@ fn only_copies_of_this_render_are_removed() {
 
 #[test]
 fn an_output_that_becomes_a_link_is_replaced() {
-    let folder = folder();
-    let path = folder.path();
-    fs::write(path.join("mine"), "mine").unwrap();
+    let path = &folder().with("mine", "mine");
     let long = "render cornell.glb --size 96x64 --spp 100000 -o k.exr --preview k.png --progress plain";
-    let mut first = bismar(path).args(long.split(' ')).stderr(Stdio::piped()).spawn().unwrap();
-    let mut lines = BufReader::new(first.stderr.take().unwrap());
-    let mut said = String::new();
-    while !said.contains("PROGRESS") {
-        assert_ne!(lines.read_line(&mut said).unwrap(), 0, "it ended by itself:\n{said}");
-    }
+    let mut first = Running::start(path, long);
+    first.until("PROGRESS");
     for name in ["k.exr", "k.png"] {
         std::os::unix::fs::symlink("mine", path.join(name)).unwrap();
     }
-    program::signal(&first, "-TERM");
-    lines.read_to_string(&mut said).unwrap();
-    assert_eq!(first.wait().unwrap().code(), Some(75), "{said}");
+    let (code, said) = first.end("-TERM");
+    assert_eq!(code, Some(75), "{said}");
     assert_eq!(fs::read(path.join("mine")).unwrap(), b"mine");
     assert!(["k.exr", "k.png"].iter().all(|name| fs::symlink_metadata(path.join(name)).unwrap().is_file()));
 }
@@ -215,38 +200,11 @@ fn a_signal_is_heard_while_a_pre_pass_learns() {
     let folder = folder();
     for (flags, what) in [("--guiding on", "guiding"), ("--adaptive", "adaptive")] {
         let line = format!("render cornell.glb --size 1500x1500 --spp 65536 {flags} --checkpoint 9 -v -o out.exr");
-        let mut child = bismar(folder.path()).args(line.split(' ')).stderr(Stdio::piped()).spawn().unwrap();
-        let mut lines = BufReader::new(child.stderr.take().unwrap());
-        let mut said = String::new();
+        let mut render = Running::start(&folder, &line);
         // The last line before the pre-pass.
-        while !said.contains("no light is added") {
-            assert_ne!(lines.read_line(&mut said).unwrap(), 0, "it ended by itself:\n{said}");
-        }
-        program::signal(&child, "-TERM");
-        lines.read_to_string(&mut said).unwrap();
-        assert_eq!(child.wait().unwrap().code(), Some(75), "{what}: {said}");
-    }
-}
-
-/// A scheduler that does not read its progress any more keeps no render from ending.
-#[test]
-fn a_reader_that_is_stuck_does_not_keep_a_render() {
-    let folder = folder();
-    for style in ["openjd", "json"] {
-        // A pipe of the system's size that is full, and that nobody reads.
-        let (reader, mut writer) = std::io::pipe().unwrap();
-        writer.write_all(&[b'\n'; 1 << 16]).unwrap();
-        let line =
-            format!("render cornell.glb --size 96x64 --spp 100000 --checkpoint 9 -o {style}.exr --progress {style}");
-        let mut child = bismar(folder.path()).args(line.split(' ')).stdout(writer).spawn().unwrap();
-        // It renders and saves.
-        while !folder.path().join(format!("{style}.exr")).exists() {
-            assert!(child.try_wait().unwrap().is_none(), "{style}: it ended by itself");
-            std::thread::sleep(std::time::Duration::from_millis(20));
-        }
-        program::signal(&child, "-TERM");
-        assert_eq!(child.wait().unwrap().code(), Some(75), "{style}");
-        drop(reader);
+        render.until("no light is added");
+        let (code, said) = render.end("-TERM");
+        assert_eq!(code, Some(75), "{what}: {said}");
     }
 }
 
@@ -271,55 +229,51 @@ fn forge(path: &Path, from: &str, to: &str) {
 fn merge_asks_for_memory_before_it_takes_it() {
     let folder = folder();
     let line = "render cornell.glb --size 65535x65535 --crop 0,0,16,16 --spp 1 --part 1/1 -q -o part.exr";
-    expect(folder.path(), line, 0);
-    forge(&folder.path().join("part.exr"), r#""crop":[0,0,16,16]"#, r#""crop":null       "#);
-    assert!(fs::metadata(folder.path().join("part.exr")).unwrap().len() < 16 << 10);
-    let said = expect(folder.path(), "merge part.exr -o out.exr", 76);
-    assert!(said.contains("merging to out.exr needs about"), "{said}");
-    assert!(!folder.path().join("out.exr").exists());
+    expect(&folder, line, 0);
+    forge(&folder.join("part.exr"), r#""crop":[0,0,16,16]"#, r#""crop":null       "#);
+    assert!(fs::metadata(folder.join("part.exr")).unwrap().len() < 16 << 10);
+    says(&folder, "merge part.exr -o out.exr", 76, "merging to out.exr needs about");
+    assert!(!folder.join("out.exr").exists());
 }
 
 #[test]
 fn what_another_build_began_goes_on_with_a_word_about_it() {
     let folder = folder();
     let line = "render cornell.glb --size 40x30 --checkpoint 9 --resume -o out.exr";
-    expect(folder.path(), &format!("{line} --spp 8 -q"), 0);
-    let record: serde_json::Value =
-        serde_json::from_str(&attribute(&folder.path().join("out.exr"), "bismar.record")).unwrap();
+    expect(&folder, &format!("{line} --spp 8 -q"), 0);
+    let record: serde_json::Value = serde_json::from_str(&attribute(&folder.join("out.exr"), "bismar.record")).unwrap();
     let maker = &record["maker"];
     assert!(maker["compiler"].as_str().unwrap().starts_with("rustc 1."), "{maker}");
     assert!(maker["isa"].as_str().unwrap().starts_with("x86-64"), "{maker}");
-    let said = expect(folder.path(), &format!("{line} --spp 16"), 0);
+    let said = expect(&folder, &format!("{line} --spp 16"), 0);
     assert!(!said.contains("another build"), "{said}");
-    forge(&folder.path().join("out.exr"), "\"compiler\":\"rustc 1.", "\"compiler\":\"rustc 0.");
-    let said = expect(folder.path(), &format!("{line} --spp 24"), 0);
-    assert!(said.contains("another build of bismar, compiler (rustc 0."), "{said}");
+    forge(&folder.join("out.exr"), "\"compiler\":\"rustc 1.", "\"compiler\":\"rustc 0.");
+    says(&folder, &format!("{line} --spp 24"), 0, "another build of bismar, compiler (rustc 0.");
     // It was written by this one in the end.
-    let said = expect(folder.path(), &format!("{line} --spp 32"), 0);
+    let said = expect(&folder, &format!("{line} --spp 32"), 0);
     assert!(!said.contains("another build"), "{said}");
 }
 
 #[test]
 fn statistics_of_a_finished_picture_are_written_again_without_a_render() {
     let folder = folder();
-    let at = |name: &str| folder.path().join(name);
+    let at = |name: &str| folder.join(name);
     for more in ["", " --checkpoint 9"] {
         let line = format!("render cornell.glb --size 40x30 --spp 8 -o out.exr --stats out.json{more}");
-        expect(folder.path(), &format!("{line} -q"), 0);
+        expect(&folder, &format!("{line} -q"), 0);
         let picture = fs::read(at("out.exr")).unwrap();
         let stats = || serde_json::from_slice::<serde_json::Value>(&fs::read(at("out.json")).unwrap()).unwrap();
         let first = stats();
         assert!(first["picture"].as_str().unwrap().starts_with(&format!("{:016}-", picture.len())), "{first}");
         let text = fs::read(at("out.json")).unwrap();
-        expect(folder.path(), &format!("{line} --resume"), 0);
+        expect(&folder, &format!("{line} --resume"), 0);
         assert_eq!(fs::read(at("out.json")).unwrap(), text, "what is right is left alone");
         for stale in [None, Some(""), Some("{}"), Some("not json"), Some("{\"picture\":\"another\"}")] {
             match stale {
                 None => fs::remove_file(at("out.json")).unwrap(),
                 Some(text) => fs::write(at("out.json"), text).unwrap(),
             }
-            let said = expect(folder.path(), &format!("{line} --resume"), 0);
-            assert!(said.contains("finished before"), "{said}");
+            says(&folder, &format!("{line} --resume"), 0, "finished before");
             let again = stats();
             for field in ["schema", "version", "scene", "settings", "samples", "noise", "rays", "picture", "threads"] {
                 assert_eq!(again[field], first[field], "{field}");
@@ -349,14 +303,14 @@ fn too_little_memory_is_76_before_or_while_rendering_or_it_fits() {
                 // What libraries and stacks map counts as address space; in less than that nothing can be loaded.
                 let mapped = if unit == "v" { 128 } else { 0 };
                 let limit = format!("ulimit -{unit} {}", (mapped + mebibytes) << 10);
-                let (code, said) = limited(folder.path(), &limit, &format!("{line} --rays {rays}"));
+                let (code, said) = limited(&folder, &limit, &format!("{line} --rays {rays}"));
                 assert!(matches!(code, Some(0 | 76)), "{limit} {rays}: {code:?}\n{said}");
                 codes.push(code);
             }
         }
     }
     assert!(codes.contains(&Some(0)) && codes.contains(&Some(76)), "{codes:?}");
-    let (code, said) = limited(folder.path(), "ulimit -d 102400", line);
+    let (code, said) = limited(&folder, "ulimit -d 102400", line);
     assert_eq!(code, Some(76), "{said}");
     assert!(said.contains("its limit of data allows"), "{said}");
 }
@@ -364,8 +318,7 @@ fn too_little_memory_is_76_before_or_while_rendering_or_it_fits() {
 /// Neither is a file that does not fit into memory an error of the disk, nor a thread that is refused a bug.
 #[test]
 fn memory_that_ends_while_files_are_read_or_threads_begin_is_76() {
-    let folder = folder();
-    let path = folder.path();
+    let path = &folder();
     let head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4000 +X 8000\n";
     for (name, head) in [("sky.hdr", &head[..]), ("text.gltf", b"{")] {
         // Zeros that take no place on the disk.
@@ -404,7 +357,7 @@ fn a_cgroup_is_found_and_heeded() {
     let folder = folder();
     let render = |mebibytes: u64, line: &str| {
         fs::write(group.join("memory.limit_in_bytes"), (mebibytes << 20).to_string()).unwrap();
-        limited(folder.path(), &format!("echo 0 > {}/cgroup.procs", group.display()), line)
+        limited(&folder, &format!("echo 0 > {}/cgroup.procs", group.display()), line)
     };
     let large = render(400, "render cornell.glb --size 3000x3000 --spp 1 -q -o out.exr");
     let small = render(400, "render cornell.glb --size 100x100 --spp 1 -q -o out.exr");
@@ -420,10 +373,10 @@ fn what_a_render_says_it_needs_is_enough() {
     let folder = folder();
     for (flags, threads) in [("", 1), ("", 8), ("--rays obvhs", 2), ("--part 1/2 --aov all --checkpoint 9", 2)] {
         let line = format!("render cornell.glb --size 640x480 --spp 1 --threads {threads} {flags} -q -o out.exr");
-        let said = expect(folder.path(), &format!("{line} --memory-limit 1M"), 76);
+        let said = expect(&folder, &format!("{line} --memory-limit 1M"), 76);
         let words: Vec<_> = said.split(' ').collect();
         let need = words[words.iter().position(|word| *word == "MiB").unwrap() - 1];
-        expect(folder.path(), &format!("{line} --memory-limit {need}M"), 0);
+        expect(&folder, &format!("{line} --memory-limit {need}M"), 0);
     }
 }
 

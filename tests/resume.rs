@@ -18,7 +18,7 @@ use bismar::render::{
     Technique, render, run,
 };
 
-use crate::helpers::program::{self, assert_same_bits, bismar, bits, expect, names, paths, scene};
+use crate::helpers::program::{self, Folder, Running, assert_same_bits, bismar, bits, expect, names, paths, says};
 use crate::helpers::skipped::skipped;
 use crate::helpers::stage::{Stage, hall};
 
@@ -77,7 +77,7 @@ fn interruptions_anywhere_leave_no_trace() {
             part,
             ..RenderSettings::even().with(Technique::Adaptive, adaptive.into())
         };
-        let whole = render(&stage.scene, &settings, &AtomicBool::new(false), &|_| ()).unwrap();
+        let whole = stage.render(&settings);
         let (pieces, sessions) = in_pieces(&stage, &settings, 2);
         assert!(sessions > 1, "{sessions}");
         assert_eq!(all_bits(&whole), all_bits(&pieces), "{balance:?} {crop:?} {part:?}");
@@ -122,7 +122,7 @@ fn a_method_of_another_crate_is_rendered_with_guiding_and_interrupted_as_ours_ar
         RenderSettings { width: 50, height: 37, spp: Some(24), balance, aovs: true, ..guided }
     };
     let (mine, kl) = (of(Balance::Custom(CustomMethod(&Mine))), of(Balance::Kl));
-    let whole = render(&stage.scene, &kl, &AtomicBool::new(false), &|_| ()).unwrap();
+    let whole = stage.render(&kl);
     let (pieces, sessions) = in_pieces(&stage, &mine, 3);
     assert!(sessions > 1 && whole.stats.techniques[Technique::Guiding].unwrap().on);
     assert!(all_bits(&whole) == all_bits(&pieces));
@@ -159,10 +159,8 @@ fn checkpoints_leave_no_trace_and_each_can_go_on() {
 /// `scenes/cornell.glb` for about a second on one thread.
 const LONG: &str = "cornell.glb --size 96x64 --spp 192";
 
-fn folder() -> tempfile::TempDir {
-    let folder = tempfile::tempdir().unwrap();
-    fs::copy(scene("cornell.glb"), folder.path().join("cornell.glb")).unwrap();
-    folder
+fn folder() -> Folder {
+    Folder::new().with_scene("cornell.glb", "cornell.glb")
 }
 
 fn start(folder: &Path, line: &str) -> Child {
@@ -173,16 +171,16 @@ fn start(folder: &Path, line: &str) -> Child {
 fn two_hundred_kills_at_any_moment_lose_nothing_that_was_saved() {
     const KILLS: u32 = 200;
     let folder = folder();
-    let (whole, killed) = (folder.path().join("whole.exr"), folder.path().join("killed.exr"));
+    let (whole, killed) = (folder.join("whole.exr"), folder.join("killed.exr"));
     let start_of_whole = Instant::now();
-    expect(folder.path(), &format!("render {LONG} -o whole.exr -q"), 0);
+    expect(&folder, &format!("render {LONG} -o whole.exr -q"), 0);
     // Some are killed while they load, some when they have saved often.
     let longest = start_of_whole.elapsed() / 4;
     // Any moments do; that they are drawn alike every time is a help (Knuth's generator, MMIX).
     let mut random = 1_u64;
     let (mut kills, mut finished, mut most_saved) = (0, 0, 0);
     while kills < KILLS {
-        let mut child = start(folder.path(), &format!("render {LONG} -o killed.exr --checkpoint 0.02 --resume -v"));
+        let mut child = start(&folder, &format!("render {LONG} -o killed.exr --checkpoint 0.02 --resume -v"));
         random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         thread::sleep(longest.mul_f64((random >> 33) as f64 / (1_u64 << 31) as f64));
         let alive = child.try_wait().unwrap().is_none();
@@ -207,10 +205,10 @@ fn two_hundred_kills_at_any_moment_lose_nothing_that_was_saved() {
             fs::remove_file(&killed).unwrap();
             (finished, most_saved) = (finished + 1, 0);
         }
-        let left = names(folder.path());
+        let left = names(&folder);
         assert!(left.len() <= 4, "killed processes leave their files: {left:?}");
     }
-    expect(folder.path(), &format!("render {LONG} -o killed.exr --checkpoint 9 --resume -q"), 0);
+    expect(&folder, &format!("render {LONG} -o killed.exr --checkpoint 9 --resume -q"), 0);
     assert_same_bits(&whole, &killed);
     println!("{KILLS} kills, {finished} renders finished between them");
 }
@@ -218,7 +216,7 @@ fn two_hundred_kills_at_any_moment_lose_nothing_that_was_saved() {
 #[test]
 fn a_signal_saves_and_the_same_command_goes_on_to_the_same_bits() {
     let folder = folder();
-    expect(folder.path(), "render cornell.glb --size 100x70 --spp 600 --aov all -o whole.exr -q", 0);
+    expect(&folder, "render cornell.glb --size 100x70 --spp 600 --aov all -o whole.exr -q", 0);
     let line = "render cornell.glb --size 100x70 --spp 600 --aov all -o out.exr --resume --progress plain";
     // Started by `nohup`, the program goes on when the terminal closes, as it should.
     let status = fs::read_to_string("/proc/self/status").unwrap();
@@ -228,52 +226,41 @@ fn a_signal_saves_and_the_same_command_goes_on_to_the_same_bits() {
     let mut signals = all.into_iter().filter(|signal| !(ignores_hup && *signal == "-HUP")).peekable();
     let mut late = 0;
     while let Some(signal) = signals.peek() {
-        let mut child = start(folder.path(), line);
-        let mut lines = BufReader::new(child.stderr.take().unwrap());
-        let mut said = String::new();
-        while !said.contains("PROGRESS") {
-            assert_ne!(lines.read_line(&mut said).unwrap(), 0, "it ended by itself:\n{said}");
-        }
-        program::signal(&child, signal);
-        lines.read_to_string(&mut said).unwrap();
-        let code = child.wait().unwrap().code();
+        let mut render = Running::start(&folder, line);
+        render.until("PROGRESS");
+        let (code, said) = render.end(signal);
         if code == Some(0) {
             // On a busy machine it may be done before it gets the signal.
             late += 1;
             assert!(late < 20, "no {signal} is heard:\n{said}");
-            fs::remove_file(folder.path().join("out.exr")).unwrap();
+            fs::remove_file(folder.join("out.exr")).unwrap();
             continue;
         }
         assert_eq!(code, Some(75), "{said}");
         assert!(said.contains("--resume"), "{said}");
         signals.next();
     }
-    expect(folder.path(), line, 0);
-    assert_same_bits(&folder.path().join("whole.exr"), &folder.path().join("out.exr"));
+    expect(&folder, line, 0);
+    assert_same_bits(&folder.join("whole.exr"), &folder.join("out.exr"));
 }
 
 #[test]
 fn a_finished_render_says_so_and_goes_on_to_a_higher_goal() {
     let folder = folder();
-    let file = |name| folder.path().join(name);
-    expect(folder.path(), "render cornell.glb --size 40x30 --spp 256 -o whole.exr -q", 0);
-    expect(folder.path(), "render cornell.glb --size 40x30 --spp 128 -o out.exr --checkpoint 9 -q", 0);
+    let file = |name| folder.join(name);
+    expect(&folder, "render cornell.glb --size 40x30 --spp 256 -o whole.exr -q", 0);
+    expect(&folder, "render cornell.glb --size 40x30 --spp 128 -o out.exr --checkpoint 9 -q", 0);
     let before = fs::read(file("out.exr")).unwrap();
-    let said = expect(folder.path(), "render cornell.glb --size 40x30 --spp 128 -o out.exr --resume", 0);
-    assert!(said.contains("finished before, with 128 spp"), "{said}");
-    let said = expect(folder.path(), "render cornell.glb --size 40x30 --noise 50 -o out.exr --resume", 0);
-    assert!(said.contains("finished before"), "{said}");
+    says(&folder, "render cornell.glb --size 40x30 --spp 128 -o out.exr --resume", 0, "finished before, with 128 spp");
+    says(&folder, "render cornell.glb --size 40x30 --noise 50 -o out.exr --resume", 0, "finished before");
     assert_eq!(fs::read(file("out.exr")).unwrap(), before);
-    expect(folder.path(), "render cornell.glb --size 40x30 --spp 256 -o out.exr --resume -q", 0);
+    expect(&folder, "render cornell.glb --size 40x30 --spp 256 -o out.exr --resume -q", 0);
     assert_same_bits(&file("whole.exr"), &file("out.exr"));
     // A picture that was rendered without statistics is recognised only once it would have to go on.
-    let said = expect(folder.path(), "render cornell.glb --size 40x30 --spp 256 -o whole.exr --resume", 0);
-    assert!(said.contains("finished before"), "{said}");
-    let said = expect(folder.path(), "render cornell.glb --size 40x30 --spp 257 -o whole.exr --resume", 65);
-    assert!(said.contains("carries no statistics"), "{said}");
+    says(&folder, "render cornell.glb --size 40x30 --spp 256 -o whole.exr --resume", 0, "finished before");
+    says(&folder, "render cornell.glb --size 40x30 --spp 257 -o whole.exr --resume", 65, "carries no statistics");
     // Stop rules count all sessions.
-    let said = expect(folder.path(), "render cornell.glb --size 40x30 --time 0.0001 -o out.exr --resume", 0);
-    assert!(said.contains("finished before"), "{said}");
+    says(&folder, "render cornell.glb --size 40x30 --time 0.0001 -o out.exr --resume", 0, "finished before");
 }
 
 #[test]
@@ -308,21 +295,20 @@ fn a_goal_that_cuts_the_passes_otherwise_is_told() {
         ("progressive --guiding off --adaptive=on", "--spp 128", "--spp 192", false),
     ] {
         let line = format!("render cornell.glb --size 20x20 --balance {balance}");
-        expect(folder.path(), &format!("{line} {first} -o out.exr --checkpoint 9 -q"), 0);
-        let said = expect(folder.path(), &format!("{line} {then} -o out.exr --resume"), 0);
+        expect(&folder, &format!("{line} {first} -o out.exr --checkpoint 9 -q"), 0);
+        let said = expect(&folder, &format!("{line} {then} -o out.exr --resume"), 0);
         assert_eq!(said.contains(OTHER_PASSES), other, "{balance} {first}, {then}: {said}");
-        expect(folder.path(), &format!("{line} {then} -o whole.exr -q"), 0);
-        let whole = bits(&folder.path().join("whole.exr"));
-        assert!(other || whole == bits(&folder.path().join("out.exr")), "{balance} {first}, {then}");
+        expect(&folder, &format!("{line} {then} -o whole.exr -q"), 0);
+        let whole = bits(&folder.join("whole.exr"));
+        assert!(other || whole == bits(&folder.join("out.exr")), "{balance} {first}, {then}");
     }
 }
 
 #[test]
 fn another_render_is_refused_by_name_and_left_alone() {
-    let folder = folder();
-    fs::copy(scene("veach.glb"), folder.path().join("veach.glb")).unwrap();
-    expect(folder.path(), "render cornell.glb --size 40x30 --spp 16 -o out.exr --checkpoint 9 -q", 0);
-    let before = fs::read(folder.path().join("out.exr")).unwrap();
+    let folder = folder().with_scene("veach.glb", "veach.glb");
+    expect(&folder, "render cornell.glb --size 40x30 --spp 16 -o out.exr --checkpoint 9 -q", 0);
+    let before = fs::read(folder.join("out.exr")).unwrap();
     for (flags, words) in [
         ("cornell.glb --size 40x30 --spp 32 --seed 5", "seed (0 there, 5 here)"),
         ("cornell.glb --size 40x31 --spp 32", "size (40x30 there, 40x31 here)"),
@@ -337,14 +323,12 @@ fn another_render_is_refused_by_name_and_left_alone() {
         ("cornell.glb --size 40x30 --spp 32 --part 1/2", "not part 1/2"),
         ("veach.glb --size 40x30 --spp 32", "scene"),
     ] {
-        let said = expect(folder.path(), &format!("render {flags} -o out.exr --resume"), 65);
-        assert!(said.contains(words), "{flags}: {said}");
+        says(&folder, &format!("render {flags} -o out.exr --resume"), 65, words);
     }
     let paper = "render cornell.glb --size 40x30 --spp 16 --balance second-order -o paper.exr --checkpoint 9";
-    expect(folder.path(), &format!("{paper} --pilot 0.25 -q"), 0);
-    let said = expect(folder.path(), &format!("{paper} --resume"), 65);
-    assert!(said.contains("pilot (0.25 there, 0.5 here)"), "{said}");
-    let said = expect(folder.path(), &format!("{paper} --pilot 0.25 --resume"), 0);
+    expect(&folder, &format!("{paper} --pilot 0.25 -q"), 0);
+    says(&folder, &format!("{paper} --resume"), 65, "pilot (0.25 there, 0.5 here)");
+    let said = expect(&folder, &format!("{paper} --pilot 0.25 --resume"), 0);
     assert!(said.contains("nothing to do"), "{said}");
     let of_format = |format| exr_file::Header::from([("bismar.format".into(), exr_file::HeaderValue::Number(format))]);
     let film = bismar::film::Film::new(4, 4, [0, 0, 4, 4], false);
@@ -353,30 +337,29 @@ fn another_render_is_refused_by_name_and_left_alone() {
         (of_format(3.0), "from an older bismar"),
         (Vec::new(), "no picture that bismar can go on from"),
     ] {
-        exr_file::write(&folder.path().join("other.exr"), &film, exr_file::Layers::default(), &header, None).unwrap();
-        let said = expect(folder.path(), "render cornell.glb -o other.exr --resume", 65);
-        assert!(said.contains(words), "{said}");
+        exr_file::write(&folder.join("other.exr"), &film, exr_file::Layers::default(), &header, None).unwrap();
+        says(&folder, "render cornell.glb -o other.exr --resume", 65, words);
     }
-    assert_eq!(fs::read(folder.path().join("out.exr")).unwrap(), before);
+    assert_eq!(fs::read(folder.join("out.exr")).unwrap(), before);
 }
 
 #[test]
 fn a_checkpoint_that_fails_does_not_end_the_render_and_a_full_disk_leaves_the_old_file() {
     let folder = folder();
-    expect(folder.path(), "render cornell.glb --size 64x48 --spp 128 -o out.exr --checkpoint 9 -q", 0);
-    let before = bits(&folder.path().join("out.exr"));
+    expect(&folder, "render cornell.glb --size 64x48 --spp 128 -o out.exr --checkpoint 9 -q", 0);
+    let before = bits(&folder.join("out.exr"));
     // A limit of a few kilobytes a file fails like a full disk: in the middle of a write.
     let script = "trap '' XFSZ; ulimit -f 8; exec \"$0\" render cornell.glb --size 64x48 --spp 512 -o out.exr \
                   --checkpoint 0.01 --resume";
-    let output = Command::new("sh").args(["-c", script]).arg(program::program()).current_dir(folder.path()).output();
+    let output = Command::new("sh").args(["-c", script]).arg(program::program()).current_dir(&folder).output();
     let output = output.unwrap();
     let said = program::stderr(&output);
     assert_eq!(output.status.code(), Some(74), "{said}");
     assert!(said.contains("checkpoint not saved, rendering continues"), "{said}");
-    assert_eq!(bits(&folder.path().join("out.exr")), before);
-    expect(folder.path(), "render cornell.glb --size 64x48 --spp 512 -o out.exr --resume -q", 0);
-    expect(folder.path(), "render cornell.glb --size 64x48 --spp 512 -o whole.exr -q", 0);
-    assert_same_bits(&folder.path().join("whole.exr"), &folder.path().join("out.exr"));
+    assert_eq!(bits(&folder.join("out.exr")), before);
+    expect(&folder, "render cornell.glb --size 64x48 --spp 512 -o out.exr --resume -q", 0);
+    expect(&folder, "render cornell.glb --size 64x48 --spp 512 -o whole.exr -q", 0);
+    assert_same_bits(&folder.join("whole.exr"), &folder.join("out.exr"));
 }
 
 #[test]
@@ -385,34 +368,34 @@ fn a_read_only_place_is_found_out_before_the_work() {
     let script = "mount -t tmpfs -o size=1m none shots && cp out.exr shots/ && mount -o remount,ro shots && \
                   ! \"$0\" render cornell.glb --size 40x30 -o shots/out.exr --resume --spp 99 2> said; \
                   cmp out.exr shots/out.exr && echo alike >> said";
-    expect(folder.path(), "render cornell.glb --size 40x30 --spp 8 -o out.exr --checkpoint 9 -q", 0);
-    fs::create_dir(folder.path().join("shots")).unwrap();
+    expect(&folder, "render cornell.glb --size 40x30 --spp 8 -o out.exr --checkpoint 9 -q", 0);
+    fs::create_dir(folder.join("shots")).unwrap();
     let namespace = Command::new("unshare").args(["-rm", "true"]).status();
     if !namespace.is_ok_and(|s| s.success()) {
         skipped("this machine does not allow a read-only mount (unshare -rm)");
         return;
     }
     let mut command = Command::new("unshare");
-    command.args(["-rm", "sh", "-c", script]).arg(program::program()).current_dir(folder.path());
+    command.args(["-rm", "sh", "-c", script]).arg(program::program()).current_dir(&folder);
     let status = command.status().unwrap();
-    let said = fs::read_to_string(folder.path().join("said")).unwrap();
+    let said = fs::read_to_string(folder.join("said")).unwrap();
     assert!(status.success() && said.contains("the file system is read-only") && said.contains("alike"), "{said}");
 }
 
 #[test]
 fn memory_that_would_not_suffice_is_told_before_loading() {
     let folder = folder();
-    let said = expect(folder.path(), "render cornell.glb --size 8000x8000 --memory-limit 500M", 76);
+    let said = expect(&folder, "render cornell.glb --size 8000x8000 --memory-limit 500M", 76);
     assert!(said.contains("needs about") && said.contains("--memory-limit allows 500"), "{said}");
-    let output = bismar(folder.path())
+    let output = bismar(&folder)
         .args(["render", "cornell.glb", "--size", "8000x8000"])
         .env("SLURM_MEM_PER_NODE", "600")
         .output()
         .unwrap();
     assert_eq!(output.status.code(), Some(76));
     assert!(program::stderr(&output).contains("SLURM_MEM_PER_NODE allows 600"), "{}", program::stderr(&output));
-    expect(folder.path(), "render cornell.glb --size 40x30 --spp 1 --memory-limit 500M -q", 0);
-    assert_eq!(names(folder.path()), ["cornell.exr", "cornell.glb"]);
+    expect(&folder, "render cornell.glb --size 40x30 --spp 1 --memory-limit 500M -q", 0);
+    assert_eq!(names(&folder), ["cornell.exr", "cornell.glb"]);
 }
 
 /// Hours of work.
@@ -423,7 +406,7 @@ fn nohup_is_heard() {
     let folder = folder();
     let mut shell = Command::new("sh");
     shell.args(["-c", &format!("trap '' HUP; exec \"$0\" render {ENDLESS} --progress plain")]).arg(program::program());
-    let mut child = shell.current_dir(folder.path()).env("BISMAR_THREADS", "1").stderr(Stdio::piped()).spawn().unwrap();
+    let mut child = shell.current_dir(&folder).env("BISMAR_THREADS", "1").stderr(Stdio::piped()).spawn().unwrap();
     let mut lines = BufReader::new(child.stderr.take().unwrap());
     let mut wait_for_progress = || {
         let mut said = String::new();
@@ -436,7 +419,7 @@ fn nohup_is_heard() {
     // Two more lines are a second and more of rendering.
     wait_for_progress();
     wait_for_progress();
-    assert!(!folder.path().join("out.exr").exists());
+    assert!(!folder.join("out.exr").exists());
     program::signal(&child, "-TERM");
     assert_eq!(child.wait().unwrap().code(), Some(75));
 }
@@ -444,7 +427,7 @@ fn nohup_is_heard() {
 #[test]
 fn whoever_does_not_read_keeps_nobody_from_saving() {
     let folder = folder();
-    for line in ["--progress plain", "--progress json", "-vv --progress plain"] {
+    for line in ["--progress plain", "--progress json", "--progress openjd", "-vv --progress plain"] {
         // A pipe that is full already, and that nobody reads from.
         let (_reader, mut writer) = std::io::pipe().unwrap();
         let filler = writer.try_clone().unwrap();
@@ -452,14 +435,10 @@ fn whoever_does_not_read_keeps_nobody_from_saving() {
         fill.args(["-c", "exec dd if=/dev/zero of=/dev/stdout bs=4096 oflag=nonblock"]).stdout(filler);
         fill.stderr(Stdio::null()).status().unwrap();
         std::io::Write::flush(&mut writer).unwrap();
-        let mut render = bismar(folder.path());
-        render.args(["render"]).args(ENDLESS.split(' ')).args(line.split(' ')).args([
-            "--checkpoint",
-            "0.1",
-            "--resume",
-        ]);
+        let mut render = bismar(&folder);
+        render.args(format!("render {ENDLESS} {line} --checkpoint 0.1 --resume").split(' '));
         let mut child = render.stdout(writer.try_clone().unwrap()).stderr(writer).spawn().unwrap();
-        let out = folder.path().join("out.exr");
+        let out = folder.join("out.exr");
         let before = if out.exists() { paths(&out) } else { 0 };
         let mut saved = 0;
         // It goes on, checkpoint after checkpoint.
@@ -477,10 +456,10 @@ fn whoever_does_not_read_keeps_nobody_from_saving() {
 #[test]
 fn a_signal_in_the_first_milliseconds_ends_with_75_or_leaves_everything_untouched() {
     let folder = folder();
-    let whole = names(folder.path());
+    let whole = names(&folder);
     let mut codes = std::collections::BTreeMap::new();
     for microseconds in (0..60_000).step_by(3_000) {
-        let child = start(folder.path(), &format!("render {ENDLESS}"));
+        let child = start(&folder, &format!("render {ENDLESS}"));
         thread::sleep(std::time::Duration::from_micros(microseconds));
         program::signal(&child, "-TERM");
         let ended = child.wait_with_output().unwrap();
@@ -488,12 +467,12 @@ fn a_signal_in_the_first_milliseconds_ends_with_75_or_leaves_everything_untouche
         let code = ended.status.code();
         assert!(code.is_none_or(|code| code == 75), "{code:?}: {}", program::stderr(&ended));
         *codes.entry(code).or_insert(0) += 1;
-        let out = folder.path().join("out.exr");
+        let out = folder.join("out.exr");
         if out.exists() {
             assert!(code.is_some() && exr_file::read_statistics(&out).unwrap().is_some());
             fs::remove_file(out).unwrap();
         }
-        assert_eq!(names(folder.path()), whole);
+        assert_eq!(names(&folder), whole);
     }
     assert!(codes.contains_key(&Some(75)), "{codes:?}");
 }
@@ -501,23 +480,22 @@ fn a_signal_in_the_first_milliseconds_ends_with_75_or_leaves_everything_untouche
 #[test]
 fn checkpoints_are_kept_by_number_and_handed_on_and_the_first_is_early() {
     let folder = folder();
-    let told = folder.path().join("told.sh");
+    let told = folder.join("told.sh");
     fs::write(&told, "#!/bin/sh\necho \"$1\" >>told\n").unwrap();
-    assert!(Command::new("chmod").args(["+x", "told.sh"]).current_dir(folder.path()).status().unwrap().success());
-    let in_folder =
-        |prefix: &str| names(folder.path()).into_iter().filter(|n| n.starts_with(prefix)).collect::<Vec<_>>();
+    assert!(Command::new("chmod").args(["+x", "told.sh"]).current_dir(&folder).status().unwrap().success());
+    let in_folder = |prefix: &str| names(&folder).into_iter().filter(|n| n.starts_with(prefix)).collect::<Vec<_>>();
     // An hour between checkpoints; the first does not wait for it.
     let line = format!("render {ENDLESS} --checkpoint 3600 --keep 3 --on-checkpoint ./told.sh --resume");
-    let mut child = start(folder.path(), &line);
+    let mut child = start(&folder, &line);
     while in_folder("told").len() < 2 {
         assert!(child.try_wait().unwrap().is_none());
         thread::sleep(std::time::Duration::from_millis(20));
     }
     program::signal(&child, "-TERM");
     assert_eq!(child.wait().unwrap().code(), Some(75));
-    let lines = || fs::read_to_string(folder.path().join("told")).unwrap();
+    let lines = || fs::read_to_string(folder.join("told")).unwrap();
     assert_eq!(lines(), "./out.checkpoint-0001.exr\n./out.checkpoint-0002.exr\n");
-    let mut child = start(folder.path(), &line.replace("3600", "0.05"));
+    let mut child = start(&folder, &line.replace("3600", "0.05"));
     while !in_folder("out.checkpoint-").contains(&"out.checkpoint-0007.exr".to_owned()) {
         assert!(child.try_wait().unwrap().is_none());
         thread::sleep(std::time::Duration::from_millis(5));
@@ -526,10 +504,9 @@ fn checkpoints_are_kept_by_number_and_handed_on_and_the_first_is_early() {
     child.wait().unwrap();
     let kept = in_folder("out.checkpoint-");
     assert_eq!(kept.len(), 3, "{kept:?}");
-    let held: Vec<_> = kept.iter().map(|name| paths(&folder.path().join(name))).collect();
-    assert!(held.is_sorted() && held[0] < held[2] && held[2] == paths(&folder.path().join("out.exr")), "{held:?}");
+    let held: Vec<_> = kept.iter().map(|name| paths(&folder.join(name))).collect();
+    assert!(held.is_sorted() && held[0] < held[2] && held[2] == paths(&folder.join("out.exr")), "{held:?}");
     // A program that is not there is a warning.
     let short = "render cornell.glb --size 96x64 --spp 64 -o b.exr --checkpoint 0.01 --on-checkpoint ./none";
-    let said = expect(folder.path(), short, 0);
-    assert!(said.contains("./none"), "{said}");
+    says(&folder, short, 0, "./none");
 }

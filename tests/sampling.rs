@@ -9,6 +9,7 @@ use bismar::scene::{PunctualKind, PunctualLight};
 use glam::{Vec3, vec3};
 
 use crate::helpers::random::Random;
+use crate::helpers::stage;
 use crate::helpers::statistics::{chi_square, chi_square_directions};
 
 /// Tests in this file, for the level of each.
@@ -126,14 +127,8 @@ fn discrete_choices_and_their_left_over_numbers_follow_the_weights() {
 #[test]
 fn punctual_lights_are_chosen_by_what_they_bring() {
     let light = |kind, intensity: Vec3, position: Vec3| PunctualLight {
-        motion: Vec::new(),
-        name: String::new(),
-        kind,
         intensity,
-        position,
-        direction: -Vec3::Y,
-        range: f32::INFINITY,
-        size: 0.0,
+        ..stage::punctual(kind, 1.0, position, -Vec3::Y)
     };
     let spot = PunctualKind::Spot { inner: 0.2, outer: 0.9 };
     let lights = [

@@ -15,8 +15,7 @@ use bismar::render::{Choice, GlassShadows, RenderSettings, Technique, transport}
 use bismar::scene::{PunctualKind, Scene};
 use glam::Vec3;
 
-use crate::helpers::stage::{Stage, glass_hall, globe_hall, hall, moving_hall};
-use crate::thin_walls::punctual;
+use crate::helpers::stage::{Stage, glass_hall, globe_hall, hall, moving_hall, punctual};
 
 /// Keeps each path's radiance.
 #[derive(Default)]

@@ -4,13 +4,15 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
+use crate::helpers::program::Folder;
+
 #[test]
 fn committed_scenes_are_byte_for_byte_what_their_program_writes() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
     // Built together with the tests; this only finds it.
     let status = Command::new(env!("CARGO"))
         .args(["run", "--quiet", "--locked", "--example", "make_scenes", "--"])
-        .arg(folder.path())
+        .arg(&*folder)
         .current_dir(env!("CARGO_MANIFEST_DIR"))
         .status()
         .unwrap();
@@ -18,9 +20,9 @@ fn committed_scenes_are_byte_for_byte_what_their_program_writes() {
     let committed = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
     for part in ["", "study"] {
         let mut names = Vec::new();
-        for name in files(&folder.path().join(part)) {
+        for name in files(&folder.join(part)) {
             let read = |root: &Path| fs::read(root.join(part).join(&name)).unwrap();
-            let same = read(folder.path()) == read(&committed);
+            let same = read(&folder) == read(&committed);
             assert!(same, "{name} differs: run `cargo run --release --example make_scenes` and look at what changed");
             names.push(name);
         }

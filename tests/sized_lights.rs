@@ -9,9 +9,8 @@ use bismar::scene::{PunctualKind, Scene};
 use glam::{DVec3, Vec3};
 
 use crate::closed_forms::{BALANCES, BOTH, REPLICAS, settings};
-use crate::helpers::stage::{Stage, lambert, look, metal, rectangle};
+use crate::helpers::stage::{Stage, lambert, look, metal, punctual, rectangle};
 use crate::helpers::statistics::z_limit;
-use crate::thin_walls::punctual;
 
 /// What 32-bit floats round of an estimate whose samples all agree.
 const ROUNDING: f64 = 5e-6;

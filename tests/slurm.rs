@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use crate::helpers::farm::{HOSTILE, absent, folder, kill, parent, status, succeeds, writer};
 use crate::helpers::glb;
-use crate::helpers::program::{self, assert_same_bits, bismar, expect, paths};
+use crate::helpers::program::{self, Folder, assert_same_bits, bismar, expect, paths};
 
 /// So long nothing happens only where something hangs: no new path in a picture, no task in a state that is new to it.
 /// Slurm itself lets seconds go by before it begins a task again, and a busy machine makes minutes of them.
@@ -41,7 +41,8 @@ fn whatever_happens_to_tasks_the_picture_is_that_of_a_single_machine() {
             let work = &work;
             let timed = move || {
                 let start = Instant::now();
-                scenario(work);
+                let stepped_in = [&work.long, &work.much_longer].into_iter().any(|flags| scenario(flags));
+                assert!(stepped_in, "it was over before anything happened to it: a longer render is wanted");
                 println!("{name}: {:.0} s", start.elapsed().as_secs_f64());
             };
             thread::Builder::new().name(name.into()).spawn_scoped(scope, timed).unwrap();
@@ -49,7 +50,8 @@ fn whatever_happens_to_tasks_the_picture_is_that_of_a_single_machine() {
     });
 }
 
-type Scenario = fn(&Work);
+/// Given the flags of a render: false where it was over before the scenario could step in.
+type Scenario = fn(&str) -> bool;
 
 /// Flags of renders of `veach.glb` that take as long as scenarios ask for, whatever the machine.
 struct Work {
@@ -66,7 +68,7 @@ impl Work {
         let folder = folder();
         let line = format!("\"$0\" render veach.glb {SIZE} --spp {SPP} --threads 2 -q && times");
         let mut shell = Command::new("sh");
-        shell.args(["-c", &line]).arg(program::program()).current_dir(folder.path());
+        shell.args(["-c", &line]).arg(program::program()).current_dir(&folder);
         let said = succeeds(shell);
         // The second line is of the shell's children, user and system: "0m1.250s 0m0.040s".
         let times = said.lines().nth(1).unwrap().split(' ').map(|time| {
@@ -77,15 +79,6 @@ impl Work {
         // In whole passes.
         let flags = |seconds: f64| format!("{SIZE} --spp {}", (seconds * second / 128.0).ceil() * 128.0);
         Self { long: flags(16.0), much_longer: flags(96.0) }
-    }
-}
-
-impl Work {
-    /// Takes a scenario that says whether it could step in before the render was over, with a longer one if not.
-    #[track_caller]
-    fn in_time(&self, scenario: fn(&str) -> bool) {
-        let stepped_in = [&self.long, &self.much_longer].into_iter().any(|flags| scenario(flags));
-        assert!(stepped_in, "it was over before anything happened to it: a longer render is wanted");
     }
 }
 
@@ -103,14 +96,14 @@ struct Progress {
 /// Two nodes of two CPUs, with everything of theirs in one folder; down when dropped. And a folder with `veach.glb` for
 /// their tasks.
 struct Slurm {
-    folder: tempfile::TempDir,
+    folder: Folder,
     port: u16,
-    work: tempfile::TempDir,
+    work: Folder,
 }
 
 impl Slurm {
     fn start() -> Self {
-        let slurm = Self { folder: tempfile::tempdir().unwrap(), port: free_ports(), work: folder() };
+        let slurm = Self { folder: Folder::new(), port: free_ports(), work: folder() };
         succeeds(slurm.script(&["start", "2", "2"]));
         slurm
     }
@@ -118,12 +111,12 @@ impl Slurm {
     fn script(&self, arguments: &[&str]) -> Command {
         let mut command = Command::new("bash");
         command.arg(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/slurm/start-slurm.sh")).args(arguments);
-        command.env("SLURM_CI", self.folder.path()).env("CTLD_PORT", self.port.to_string());
+        command.env("SLURM_CI", &*self.folder).env("CTLD_PORT", self.port.to_string());
         command
     }
 
     fn conf(&self) -> PathBuf {
-        self.folder.path().join("slurm.conf")
+        self.folder.join("slurm.conf")
     }
 
     /// A client command's output.
@@ -171,6 +164,11 @@ impl Slurm {
         text.lines().filter_map(value).collect()
     }
 
+    /// The nodes of a job's tasks that have begun.
+    fn nodes(&self, job: &str) -> BTreeSet<String> {
+        self.values(job, "NodeList").into_iter().filter(|node| node.starts_with('n')).collect()
+    }
+
     fn state(&self, job: &str) -> Vec<String> {
         self.values(job, "JobState")
     }
@@ -192,7 +190,7 @@ impl Slurm {
                 (since, before) = (Instant::now(), now);
             }
             if since.elapsed() > PATIENCE {
-                let logs = fs::read_dir(self.work.path().join("veach.farm/logs")).into_iter().flatten();
+                let logs = fs::read_dir(self.work.join("veach.farm/logs")).into_iter().flatten();
                 let logs = logs.map(|log| fs::read_to_string(log.unwrap().path()).unwrap_or_default());
                 let logs = logs.collect::<Vec<_>>().join("\n");
                 panic!("nothing has moved for {PATIENCE:?}: {what}\n{}\n{logs}", self.show(""));
@@ -206,7 +204,7 @@ impl Slurm {
         let word = |line: &str, key: &str| line.split(' ').find(|word| word.starts_with(key)).map(str::to_owned);
         progress.states.extend(jobs.lines().filter_map(|job| Some(word(job, "JobId=")? + &word(job, "JobState=")?)));
         let mut paths = 0;
-        let mut folders = vec![self.work.path().to_owned()];
+        let mut folders = vec![self.work.to_path_buf()];
         while let Some(folder) = folders.pop() {
             for file in fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path()) {
                 if file.is_dir() {
@@ -269,37 +267,34 @@ fn assert_went_on(folder: &Path) {
     }
 }
 
-fn an_array_over_two_nodes_and_its_merge_are_the_single_machines_picture(_: &Work) {
+fn an_array_over_two_nodes_and_its_merge_are_the_single_machines_picture(_: &str) -> bool {
     let slurm = Slurm::start();
     let folder = &slurm.work;
     let flags = "--size 160x120 --spp 256 --aov all";
-    let whole = single_machine(folder.path(), flags);
+    let whole = single_machine(folder, flags);
     let line = format!("veach.glb --parts 6 --cpus 2 -- {flags} -o out.exr --preview out.png");
-    let jobs = slurm.submit(folder.path(), &line);
+    let jobs = slurm.submit(folder, &line);
     let [array, merge] = &jobs[..] else { panic!("{jobs:?}") };
     slurm.wait_for(merge, &["COMPLETED"]);
-    let mut nodes = slurm.values(array, "NodeList");
-    nodes.retain(|node| node.starts_with('n'));
-    nodes.sort();
-    nodes.dedup();
-    assert_eq!(nodes, ["n1", "n2"]);
-    assert_same_bits(&whole, &folder.path().join("out.exr"));
-    assert!(folder.path().join("out.png").exists());
-    let status = status(folder.path(), "veach.farm");
+    assert_eq!(slurm.nodes(array), ["n1", "n2"].map(Into::into).into());
+    assert_same_bits(&whole, &folder.join("out.exr"));
+    assert!(folder.join("out.png").exists());
+    let status = status(folder, "veach.farm");
     assert_eq!((&status["complete"], &status["fraction"]), (&true.into(), &1.0.into()));
 
     // The same command again does nothing twice.
     let before: Vec<_> = status["tasks"].as_array().unwrap().iter().map(modified).collect();
-    let jobs = slurm.submit(folder.path(), &line);
+    let jobs = slurm.submit(folder, &line);
     slurm.wait_for(&jobs[1], &["COMPLETED"]);
     let after: Vec<_> = status["tasks"].as_array().unwrap().iter().map(modified).collect();
     assert_eq!(before, after);
-    assert_same_bits(&whole, &folder.path().join("out.exr"));
+    assert_same_bits(&whole, &folder.join("out.exr"));
+    true
 }
 
-fn frames_over_two_nodes_outlive_kill_9(_: &Work) {
+fn frames_over_two_nodes_outlive_kill_9(_: &str) -> bool {
     let slurm = Slurm::start();
-    let folder = slurm.work.path();
+    let folder = &slurm.work;
     fs::write(folder.join("moving.glb"), glb::moving()).unwrap();
     let flags = "--frames 1-8 --size 160x120 --spp 256 --fps 10 --shutter -1,1 --sky --aov velocity";
     expect(folder, &format!("render moving.glb {flags} -o whole/a.##.exr -q --threads 2"), 0);
@@ -308,36 +303,30 @@ fn frames_over_two_nodes_outlive_kill_9(_: &Work) {
     let there = |frame: u32| folder.join(format!("out/a.{frame:02}.exr")).exists();
     slurm.wait("a frame is there", || (1..=8).any(there));
     slurm.ask(&format!("scancel --signal=KILL --full {}", jobs[0]));
-    let mut nodes = slurm.values(&jobs[0], "NodeList");
+    let mut nodes = slurm.nodes(&jobs[0]);
     slurm.wait_for(&jobs[0], &["FAILED", "CANCELLED", "COMPLETED", "NODE_FAIL"]);
     let jobs = slurm.submit(folder, &line);
     slurm.wait_for(&jobs[0], &["COMPLETED"]);
-    nodes.extend(slurm.values(&jobs[0], "NodeList"));
-    nodes.retain(|node| node.starts_with('n'));
-    nodes.sort();
-    nodes.dedup();
-    assert_eq!(nodes, ["n1", "n2"]);
+    nodes.extend(slurm.nodes(&jobs[0]));
+    assert_eq!(nodes, ["n1", "n2"].map(Into::into).into());
     for frame in 1..=8 {
         let name = format!("a.{frame:02}.exr");
         assert_same_bits(&folder.join("whole").join(&name), &folder.join("out").join(&name));
     }
+    true
 }
 
 fn modified(task: &serde_json::Value) -> std::time::SystemTime {
     fs::metadata(task["output"].as_str().unwrap()).unwrap().modified().unwrap()
 }
 
-fn a_task_whose_node_dies_goes_on_at_the_other_one(work: &Work) {
-    work.in_time(kill_node);
-}
-
 /// Did the node die before the render was finished?
-fn kill_node(flags: &str) -> bool {
+fn a_task_whose_node_dies_goes_on_at_the_other_one(flags: &str) -> bool {
     let slurm = Slurm::start();
     let folder = &slurm.work;
-    let output = folder.path().join("out.exr");
+    let output = folder.join("out.exr");
     let line = format!("veach.glb --cpus 2 -- {flags} --checkpoint 0.5 -o out.exr");
-    let jobs = slurm.submit(folder.path(), &line);
+    let jobs = slurm.submit(folder, &line);
     slurm.wait_for_checkpoint(&output);
     let node = slurm.values(&jobs[0], "NodeList").remove(0);
     // As a power cut does it: the daemon, Slurm's keeper of the task, the task, and its render.
@@ -347,7 +336,7 @@ fn kill_node(flags: &str) -> bool {
     succeeds(slurm.script(&["kill-node", &node[1..]]));
     [keeper, task, render].into_iter().for_each(kill);
     let saved = paths(&output);
-    let whole = single_machine(folder.path(), flags);
+    let whole = single_machine(folder, flags);
     if saved == paths(&whole) {
         return false;
     }
@@ -355,24 +344,20 @@ fn kill_node(flags: &str) -> bool {
     assert_eq!(slurm.values(&jobs[0], "Restarts"), ["1"]);
     assert_ne!(slurm.values(&jobs[0], "NodeList"), [node]);
     // Nothing that was saved is rendered again.
-    let percents = percents(folder.path());
+    let percents = percents(folder);
     let again = percents.windows(2).find(|pair| pair[1] < pair[0]).map(|pair| u64::from(pair[1]));
     assert!(again.is_none_or(|again| again >= 100 * saved / paths(&whole)), "{saved} paths were saved: {percents:?}");
     assert_same_bits(&whole, &output);
     true
 }
 
-fn a_requeued_task_and_a_cancelled_job_go_on(work: &Work) {
-    work.in_time(requeue_and_cancel);
-}
-
 /// Was the job requeued and cancelled before it was finished?
-fn requeue_and_cancel(flags: &str) -> bool {
+fn a_requeued_task_and_a_cancelled_job_go_on(flags: &str) -> bool {
     let slurm = Slurm::start();
     let folder = &slurm.work;
-    let output = folder.path().join("out.exr");
+    let output = folder.join("out.exr");
     let line = format!("veach.glb --cpus 2 -- {flags} --checkpoint 0.5 -o out.exr");
-    let jobs = slurm.submit(folder.path(), &line);
+    let jobs = slurm.submit(folder, &line);
     slurm.wait_for_checkpoint(&output);
     if slurm.state(&jobs[0]) == ["COMPLETED"] {
         return false;
@@ -381,8 +366,8 @@ fn requeue_and_cancel(flags: &str) -> bool {
     let state = || slurm.state(&jobs[0]).remove(0);
     let again = || slurm.values(&jobs[0], "Restarts") == ["1"];
     slurm.wait("it runs again", || again() && ["RUNNING", "COMPLETED"].contains(&state().as_str()));
-    let before = percents(folder.path()).len();
-    slurm.wait("it goes on", || percents(folder.path()).len() > before || state() == "COMPLETED");
+    let before = percents(folder).len();
+    slurm.wait("it goes on", || percents(folder).len() > before || state() == "COMPLETED");
     slurm.ask(&format!("scancel {}", jobs[0]));
     slurm.wait_for(&jobs[0], &["CANCELLED", "COMPLETED"]);
     if state() == "COMPLETED" {
@@ -390,67 +375,64 @@ fn requeue_and_cancel(flags: &str) -> bool {
     }
     // Nobody begins it again but who submitted it.
     slurm.wait("it has ended", || {
-        let log = fs::read_to_string(folder.path().join("veach.farm/logs/task-1.log")).unwrap();
+        let log = fs::read_to_string(folder.join("veach.farm/logs/task-1.log")).unwrap();
         log.matches("continues from there").count() == 2
     });
-    let unfinished = status(folder.path(), "veach.farm");
+    let unfinished = status(folder, "veach.farm");
     assert_eq!((&unfinished["complete"], &unfinished["tasks"][0]["state"]), (&false.into(), &"begun".into()));
-    let jobs = slurm.submit(folder.path(), &line);
+    let jobs = slurm.submit(folder, &line);
     slurm.wait_for(&jobs[0], &["COMPLETED"]);
-    assert_went_on(folder.path());
-    assert_same_bits(&single_machine(folder.path(), flags), &output);
+    assert_went_on(folder);
+    assert_same_bits(&single_machine(folder, flags), &output);
     true
 }
 
-fn a_task_longer_than_its_time_limit_ends_all_the_same(work: &Work) {
-    work.in_time(outlive_the_limit);
-}
-
 /// Did the limit interrupt the render?
-fn outlive_the_limit(flags: &str) -> bool {
+fn a_task_longer_than_its_time_limit_ends_all_the_same(flags: &str) -> bool {
     let slurm = Slurm::start();
     let folder = &slurm.work;
     // A limit is a minute at least; signalled 57 seconds before it, a task has three.
     let line = format!("veach.glb --cpus 2 --minutes 1 --sbatch=--signal=B:TERM@57 -- {flags} -o out.exr");
-    let jobs = slurm.submit(folder.path(), &line);
+    let jobs = slurm.submit(folder, &line);
     slurm.wait_for(&jobs[0], &["COMPLETED"]);
     let restarts: u32 = slurm.values(&jobs[0], "Restarts")[0].parse().unwrap();
-    assert_went_on(folder.path());
-    assert_same_bits(&single_machine(folder.path(), flags), &folder.path().join("out.exr"));
+    assert_went_on(folder);
+    assert_same_bits(&single_machine(folder, flags), &folder.join("out.exr"));
     restarts > 0
 }
 
-fn a_failed_task_cancels_its_own_merge_and_no_other(_: &Work) {
+fn a_failed_task_cancels_its_own_merge_and_no_other(_: &str) -> bool {
     let slurm = Slurm::start();
     let folder = &slurm.work;
-    fs::write(folder.path().join("broken.glb"), b"glTF but not really").unwrap();
+    fs::write(folder.join("broken.glb"), b"glTF but not really").unwrap();
     let file = "[defaults]\nsize = '48x32'\nspp = 8\noutput = 'out/{name}.exr'\n\n[[matrix]]\n\
                 scene = ['broken.glb', 'veach.glb']\n";
-    fs::write(folder.path().join("jobs.toml"), file).unwrap();
-    let jobs = slurm.submit(folder.path(), "jobs.toml --parts 2");
+    fs::write(folder.join("jobs.toml"), file).unwrap();
+    let jobs = slurm.submit(folder, "jobs.toml --parts 2");
     let [array, broken, whole] = &jobs[..] else { panic!("{jobs:?}") };
     slurm.wait_for(broken, &["CANCELLED"]);
     slurm.wait_for(whole, &["COMPLETED"]);
     slurm.wait_for(array, &["COMPLETED", "FAILED"]);
     let codes = slurm.values(array, "ExitCode");
     assert_eq!(codes.iter().filter(|code| *code == "65:0").count(), 2, "{codes:?}");
-    let status = status(folder.path(), "jobs.farm");
+    let status = status(folder, "jobs.farm");
     assert_eq!(status["complete"], false);
     let message = status["tasks"][0]["error"].as_str().unwrap();
     assert!(message.contains("broken.glb"), "{message}");
     assert_eq!([0, 1].map(|i| status["merges"][i]["done"].clone()), [false, true]);
-    expect(folder.path(), "render veach.glb --size 48x32 --spp 8 -o whole.exr -q", 0);
-    assert_same_bits(&folder.path().join("whole.exr"), &folder.path().join("out/veach.exr"));
+    expect(folder, "render veach.glb --size 48x32 --spp 8 -o whole.exr -q", 0);
+    assert_same_bits(&folder.join("whole.exr"), &folder.join("out/veach.exr"));
+    true
 }
 
-fn names_are_data_to_slurm_too(_: &Work) {
+fn names_are_data_to_slurm_too(_: &str) -> bool {
     let slurm = Slurm::start();
     let flags = "--size 40x20 --spp 2";
-    let whole = single_machine(slurm.work.path(), flags);
+    let whole = single_machine(&slurm.work, flags);
     let submitted = HOSTILE.map(|name| {
-        let folder = slurm.work.path().join(name);
+        let folder = slurm.work.join(name);
         fs::create_dir(&folder).unwrap();
-        fs::copy(slurm.work.path().join("veach.glb"), folder.join("veach.glb")).unwrap();
+        fs::copy(slurm.work.join("veach.glb"), folder.join("veach.glb")).unwrap();
         let jobs = slurm.submit(&folder, &format!("veach.glb --parts 2 -- {flags}"));
         (folder, jobs)
     });
@@ -463,9 +445,10 @@ fn names_are_data_to_slurm_too(_: &Work) {
         let expected = if folder.to_str().unwrap().contains(['%', '\\']) { 0 } else { 2 };
         assert_eq!(logs.iter().filter(|log| log.starts_with(&own)).count(), expected, "{logs:?}");
     }
-    let mut names = program::names(slurm.work.path());
+    let mut names = program::names(&slurm.work);
     names.retain(|name| !HOSTILE.contains(&name.as_str()));
     assert_eq!(names, ["veach.glb", "whole.exr"]);
+    true
 }
 
 /// Mebibytes that a render says it needs.
@@ -479,16 +462,16 @@ fn need(folder: &Path, flags: &str) -> u64 {
 
 /// A task's state and its merge's, as `farm status` tells them with Slurm's help.
 fn states(slurm: &Slurm) -> [String; 2] {
-    let mut status = bismar(slurm.work.path());
+    let mut status = bismar(&slurm.work);
     status.args(["farm", "status", "veach.farm", "--json"]).env("SLURM_CONF", slurm.conf());
     let status: serde_json::Value = serde_json::from_str(&succeeds(status)).unwrap();
     ["tasks", "merges"].map(|of| status[of][0]["state"].as_str().unwrap().to_owned())
 }
 
-fn a_task_out_of_memory_gets_more_or_is_held_and_its_merge_waits(_: &Work) {
+fn a_task_out_of_memory_gets_more_or_is_held_and_its_merge_waits(_: &str) -> bool {
     let flags = "--size 960x640 --spp 2";
     let slurm = Slurm::start();
-    let folder = slurm.work.path();
+    let folder = &slurm.work;
     let need = need(folder, flags);
     let log = || fs::read_to_string(folder.join("veach.farm/logs/task-1.log")).unwrap_or_default();
     // Half as much again is enough.
@@ -523,16 +506,13 @@ fn a_task_out_of_memory_gets_more_or_is_held_and_its_merge_waits(_: &Work) {
     }
     slurm.wait_for(merge, &["COMPLETED"]);
     assert_same_bits(&whole, &folder.join(format!("{}.exr", need / 2)));
-}
-
-fn a_task_killed_for_want_of_memory_is_begun_again(work: &Work) {
-    work.in_time(starve);
+    true
 }
 
 /// Was a task killed, as the system does it for want of memory, before it was finished?
-fn starve(flags: &str) -> bool {
+fn a_task_killed_for_want_of_memory_is_begun_again(flags: &str) -> bool {
     let slurm = Slurm::start();
-    let folder = slurm.work.path();
+    let folder = &slurm.work;
     let part = folder.join("veach.farm/parts/veach.1-of-2.exr");
     let line = format!("veach.glb --parts 2 --memory 700M --retry-memory -- {flags} --checkpoint 0.5 -o out.exr");
     let jobs = slurm.submit(folder, &line);

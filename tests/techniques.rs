@@ -1,23 +1,14 @@
 //! The plain command decides which techniques it uses, says so, and is the command with these decisions as flags.
 
 use std::fs;
-use std::path::Path;
 
 use serde_json::Value;
 
-use crate::helpers::program::{assert_same_bits, attribute, expect, scene};
+use crate::helpers::program::{Folder, assert_same_bits, attribute, expect, read_json, scene};
 
-fn folder() -> tempfile::TempDir {
-    let folder = tempfile::tempdir().unwrap();
-    for name in ["veach.glb", "cornell.glb", "study/ajar.glb"] {
-        let path = scene(name);
-        fs::copy(&path, folder.path().join(path.file_name().unwrap())).unwrap();
-    }
-    folder
-}
-
-fn stats(path: &Path) -> Value {
-    serde_json::from_slice(&fs::read(path).unwrap()).unwrap()
+fn folder() -> Folder {
+    let folder = Folder::new().with_scene("veach.glb", "veach.glb").with_scene("cornell.glb", "cornell.glb");
+    folder.with_scene("ajar.glb", "study/ajar.glb")
 }
 
 /// The flags that stand for the decisions of a picture.
@@ -34,8 +25,7 @@ fn as_flags(techniques: &Value) -> String {
 
 #[test]
 fn the_plain_command_is_the_one_with_its_decisions_as_flags() {
-    let folder = folder();
-    let path = folder.path();
+    let path = &folder();
     let (mut used, mut unchanged) = (Vec::new(), 0);
     for (line, file) in [
         ("render veach.glb --size 96x64 --spp 32", "veach"),
@@ -43,7 +33,7 @@ fn the_plain_command_is_the_one_with_its_decisions_as_flags() {
         ("render cornell.glb --size 40x30 --spp 16 --integrator direct", "direct"),
     ] {
         let said = expect(path, &format!("{line} -v -o {file}.exr --stats {file}.json"), 0);
-        let techniques = stats(&path.join(format!("{file}.json")))["techniques"].clone();
+        let techniques = read_json(&path.join(format!("{file}.json")))["techniques"].clone();
         for name in ["compensation", "learned_lights", "guiding", "adaptive"] {
             let Value::String(why) = &techniques[name]["why"] else { panic!("{techniques}") };
             assert!(
@@ -64,7 +54,7 @@ fn the_plain_command_is_the_one_with_its_decisions_as_flags() {
             assert_same_bits(&path.join(format!("{file}.exr")), &path.join("chosen.exr"));
             unchanged += 1;
         }
-        assert_eq!(as_flags(&stats(&path.join("chosen.json"))["techniques"]), flags);
+        assert_eq!(as_flags(&read_json(&path.join("chosen.json"))["techniques"]), flags);
         expect(path, &format!("{line} --guiding auto --adaptive=auto -q -o auto.exr"), 0);
         assert_same_bits(&path.join(format!("{file}.exr")), &path.join("auto.exr"));
         // The header has the rule, and what it led to.
@@ -83,29 +73,28 @@ fn the_plain_command_is_the_one_with_its_decisions_as_flags() {
 
 #[test]
 fn each_technique_is_off_where_nobody_asked_for_it() {
-    let folder = folder();
-    let path = folder.path();
+    let path = &folder();
     // Other balances are there to compare with.
     expect(path, "render veach.glb --size 48x32 --spp 16 --balance half -q -o half.exr --stats half.json", 0);
-    let half = stats(&path.join("half.json"));
+    let half = read_json(&path.join("half.json"));
     assert!(["lamps", "guiding", "adaptive", "compensation"].iter().all(|name| half[*name].is_null()), "{half}");
     assert!(half["settings"]["guiding"].is_null() && half["settings"]["adaptive"].is_null(), "{half}");
     let off = "--guiding off --adaptive=off --learned-lights off --compensation off";
     expect(path, &format!("render veach.glb --size 48x32 --spp 16 {off} -q -o off.exr --stats off.json"), 0);
-    let off = stats(&path.join("off.json"));
+    let off = read_json(&path.join("off.json"));
     assert!(["lamps", "guiding", "adaptive", "compensation"].iter().all(|name| off[*name].is_null()), "{off}");
     assert_eq!(off["techniques"]["guiding"]["why"], "not asked for");
     // Each can be used with any balance.
     let on = "--balance half --learned-lights on --adaptive=on --guiding on";
     expect(path, &format!("render veach.glb --size 48x32 --spp 16 {on} -q -o on.exr --stats on.json"), 0);
-    let on = stats(&path.join("on.json"));
+    let on = read_json(&path.join("on.json"));
     assert!(["lamps", "guiding"].iter().all(|name| on[*name]["on"] == true), "{on}");
     assert!(on["adaptive"].is_object(), "{on}");
     // A few paths, and goals of noise.
     for (flags, why) in [("--spp 4", "fewer than 16 paths per pixel"), ("--noise 0.5", "a noise goal gives")] {
         let line = format!("render cornell.glb --size 24x16 {flags} -q -o few.exr --stats few.json");
         expect(path, &line, 0);
-        let few = stats(&path.join("few.json"));
+        let few = read_json(&path.join("few.json"));
         let said = few["techniques"]["adaptive"]["why"].as_str().unwrap();
         assert!(said.contains(why) && few["adaptive"].is_null(), "{flags}: {said}");
     }
@@ -113,8 +102,7 @@ fn each_technique_is_off_where_nobody_asked_for_it() {
 
 #[test]
 fn a_picture_of_earlier_settings_is_refused_and_goes_on_by_its_own() {
-    let folder = folder();
-    let path = folder.path();
+    let path = &folder();
     let line = "render cornell.glb --size 40x30 -q -o out.exr --checkpoint 9";
     // What a picture of a program without these defaults has in its header.
     let before = "--guiding off --adaptive=off";
@@ -124,22 +112,21 @@ fn a_picture_of_earlier_settings_is_refused_and_goes_on_by_its_own() {
     expect(path, &format!("{line} --spp 32 --resume {before}"), 0);
     // The switch of before is what it was, wherever it stands, and a batch file's true and false are on and off.
     expect(path, "render --adaptive cornell.glb --size 40x30 --spp 16 -q -o a.exr --stats a.json", 0);
-    assert_eq!(stats(&path.join("a.json"))["settings"]["adaptive"], true);
+    assert_eq!(read_json(&path.join("a.json"))["settings"]["adaptive"], true);
     let jobs = "[defaults]\nscene = \"cornell.glb\"\nsize = [40, 30]\nspp = 16\nstats = \"{name}.json\"\n\
                 [[job]]\nname = \"on\"\nadaptive = true\n[[job]]\nname = \"off\"\nadaptive = false\n\
                 [[job]]\nname = \"auto\"\nadaptive = \"auto\"\n";
     fs::write(path.join("jobs.toml"), jobs).unwrap();
     expect(path, "batch jobs.toml -q", 0);
-    let of = |name: &str| stats(&path.join(format!("{name}.json")))["settings"]["adaptive"].clone();
+    let of = |name: &str| read_json(&path.join(format!("{name}.json")))["settings"]["adaptive"].clone();
     assert_eq!([of("on"), of("off"), of("auto")], [Value::Bool(true), Value::Null, Value::String("auto".into())]);
 }
 
 #[test]
 fn short_time_limits_are_no_longer_because_of_pre_passes() {
-    let folder = folder();
-    let path = folder.path();
+    let path = &folder();
     expect(path, "render ajar.glb --size 960x540 --time 6 -q -o timed.exr --stats timed.json", 0);
-    let timed = stats(&path.join("timed.json"));
+    let timed = read_json(&path.join("timed.json"));
     assert!(timed["samples"]["paths"].as_u64().unwrap() > 0, "{timed}");
     // Pre-passes take no more than their share of the limit, whatever the machine: it is not all spent when the picture begins.
     assert_eq!(timed["stop"], "time");
@@ -150,8 +137,7 @@ fn short_time_limits_are_no_longer_because_of_pre_passes() {
 /// rays.
 #[test]
 fn paths_are_not_guided_where_stratified_points_gain_as_much() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
+    let path = &Folder::new();
     for seed in 0..3 {
         for (name, more, guided) in [
             ("cornell.glb", String::new(), false),
@@ -160,7 +146,7 @@ fn paths_are_not_guided_where_stratified_points_gain_as_much() {
             let file = scene(name);
             let line = format!("render {} {more} --size 960x540 --spp 32 --crop 0,0,8,8 --seed {seed}", file.display());
             let said = expect(path, &format!("{line} -vv -o {seed}{guided}.exr --stats s.json"), 0);
-            let guiding = &stats(&path.join("s.json"))["techniques"]["guiding"];
+            let guiding = &read_json(&path.join("s.json"))["techniques"]["guiding"];
             assert!(said.contains("compared with unguided paths"), "{name}, seed {seed}: {guiding}");
             assert_eq!(guiding["on"], guided, "{name}, seed {seed}: {guiding}");
         }

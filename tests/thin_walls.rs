@@ -3,33 +3,27 @@
 
 use std::f64::consts::FRAC_1_PI;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 use bismar::bsdf::{Bsdf, Lobe, Parameters, Surface};
 use bismar::lanes::{F, LANES, V3};
 use bismar::rays::Backend;
 use bismar::render::checkpoint::pack;
-use bismar::render::{Balance, Choice, Integrator, RenderSettings, Technique, render};
+use bismar::render::{Balance, Choice, Integrator, RenderSettings, Technique};
 use bismar::scene::{
-    Encoding, Environment, Filter, Image, Material, Mesh, PunctualKind, PunctualLight, Scene, Texels, Texture,
-    TextureRef, TextureSlot, Wrap, build,
+    Encoding, Environment, Filter, Image, Material, Mesh, PunctualKind, Scene, Texels, Texture, TextureRef,
+    TextureSlot, Wrap, build,
 };
 use glam::{DVec3, Vec3};
 
 use crate::closed_forms::{BALANCES, agrees, settings};
 use crate::glass::fresnel;
-use crate::helpers::stage::{Stage, add, area_light, closed_box, glass, lambert, look, rectangle, sphere};
+use crate::helpers::stage::{Stage, add, area_light, closed_box, glass, lambert, look, punctual, rectangle, sphere};
 use crate::helpers::statistics::{Mean, z_limit};
 
 const DIRECT: [Integrator; 1] = [Integrator::Direct];
 
 pub fn pane() -> Material {
     Material { bounds_medium: false, double_sided: true, ..glass(1.5, 0.0) }
-}
-
-pub fn punctual(kind: PunctualKind, intensity: f32, position: Vec3, direction: Vec3) -> PunctualLight {
-    let (name, range, motion) = ("lamp".into(), f32::INFINITY, Vec::new());
-    PunctualLight { name, kind, intensity: Vec3::splat(intensity), position, direction, range, size: 0.0, motion }
 }
 
 /// A floor of albedo 0.5 at y = 0 under `panes` panes of glass, seen from beneath them.
@@ -342,7 +336,7 @@ fn all_balances_agree_on_a_pane_that_is_smooth_in_parts() {
     let reference = stage.mean_green(&reference, 100);
     for balance in BALANCES {
         let mean = stage.mean_green(&RenderSettings { balance, ..settings.clone() }, 200);
-        let z = (mean.mean - reference.mean) / mean.standard_error().hypot(reference.standard_error());
+        let z = mean.z_to(&reference);
         assert!(z.abs() < z_limit(BALANCES.len()), "{balance:?}: {} for {}, z = {z}", mean.mean, reference.mean);
     }
 }
@@ -418,7 +412,7 @@ fn a_thread_that_has_rendered_panes_renders_other_scenes_as_before() {
         };
         let bits = |stages: &[&Stage]| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-            let of = |stage: &&Stage| render(&stage.scene, &settings, &AtomicBool::new(false), &|_| ()).unwrap();
+            let of = |stage: &&Stage| stage.render(&settings);
             pool.install(|| stages.iter().map(|stage| pack(&of(stage).tiles).unwrap()).next_back())
         };
         assert!(bits(&[&plain]) == bits(&[&glazed, &plain]), "{balance:?}");

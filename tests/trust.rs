@@ -6,14 +6,11 @@ use std::path::Path;
 use std::process::Command;
 
 use crate::helpers::glb;
-use crate::helpers::program::{bismar, expect, names, scene, seal, stderr};
+use crate::helpers::program::{Folder, bismar, expect, names, seal, stderr};
 
 /// A folder with a scene of a triangle.
-fn folder() -> tempfile::TempDir {
-    let folder = tempfile::tempdir().unwrap();
-    fs::write(folder.path().join("scene-of-a-long-name-so-that-its-header-has-room-for-all-commands-of-this-test-that-are-put-in-its-place.glb"), glb::triangle()).unwrap();
-    fs::write(folder.path().join("s.glb"), glb::triangle()).unwrap();
-    folder
+fn folder() -> Folder {
+    Folder::new().with("scene-of-a-long-name-so-that-its-header-has-room-for-all-commands-of-this-test-that-are-put-in-its-place.glb", glb::triangle()).with("s.glb", glb::triangle())
 }
 
 const RENDER: &str =
@@ -42,25 +39,22 @@ fn golden(folder: &Path, command: &str) {
 
 #[test]
 fn a_header_runs_nothing_writes_nothing_and_reads_nothing_outside() {
-    let folder = folder();
-    let path = folder.path();
-    fs::write(path.join("run.sh"), "#!/bin/sh\ntouch \"$(dirname \"$0\")/ran\"\n").unwrap();
+    let path = &folder().with("run.sh", "#!/bin/sh\ntouch \"$(dirname \"$0\")/ran\"\n");
     assert!(Command::new("chmod").arg("+x").arg(path.join("run.sh")).status().unwrap().success());
-    // The form of earlier versions.
-    let sizes = r#"["size","12x9"],["spp","2"],["no-env",null],["balance","half"],["max-depth","3"],["seed","7"],["filter","box"]"#;
-    for flag in [r#"["on-checkpoint","./run.sh"],["checkpoint","1e-9"]"#, r#"["stats","s"]"#, r#"["threads","9999"]"#] {
-        golden(path, &format!(r#"{{"scene":"s.glb","flags":[{flag},{sizes}]}}"#));
+    let own = r#""size":"12x9","spp":2,"no-env":true,"balance":"half","max-depth":3,"seed":7,"filter":"box""#;
+    for field in [r#""on-checkpoint":"./run.sh","checkpoint":1e-9"#, r#""stats":"s""#, r#""threads":9999"#] {
+        golden(path, &format!(r#"{{"scene":"s.glb","fields":{{{field},{own}}}}}"#));
         fs::write(path.join("s"), "mine").unwrap();
         expect(path, "check golden.exr", 0);
-        assert!(!path.join("ran").exists() && fs::read(path.join("s")).unwrap() == b"mine", "{flag}");
+        assert!(!path.join("ran").exists() && fs::read(path.join("s")).unwrap() == b"mine", "{field}");
     }
-    golden(path, r#"{"scene":"s.glb","flags":[["no-such-flag","1"]]}"#);
+    golden(path, r#"{"scene":"s.glb","fields":{"no-such-flag":1}}"#);
     assert!(expect(path, "check golden.exr", 65).contains("no-such-flag"));
     // Paths and links that lead out of the folder.
-    let other = tempfile::tempdir().unwrap();
-    fs::write(other.path().join("s.glb"), glb::triangle()).unwrap();
-    symlink(other.path(), path.join("out")).unwrap();
-    for scene in [other.path().join("s.glb").to_str().unwrap(), "../s.glb", "out/s.glb"] {
+    let other = Folder::new();
+    fs::write(other.join("s.glb"), glb::triangle()).unwrap();
+    symlink(&other, path.join("out")).unwrap();
+    for scene in [other.join("s.glb").to_str().unwrap(), "../s.glb", "out/s.glb"] {
         golden(path, &format!(r#"{{"scene":"{scene}","fields":{{"size":"12x9","spp":2}}}}"#));
         let said = expect(path, "check golden.exr", 65);
         assert!(said.contains("not below a folder") || said.contains("by a link"), "{said}");
@@ -76,21 +70,20 @@ fn a_header_runs_nothing_writes_nothing_and_reads_nothing_outside() {
     // The folder of the results may come with the pictures.
     golden(path, r#"{"scene":"s.glb","fields":{"size":"12x9","spp":2}}"#);
     fs::remove_dir_all(path.join("bismar-check")).unwrap();
-    symlink(other.path(), path.join("bismar-check")).unwrap();
+    symlink(&other, path.join("bismar-check")).unwrap();
     assert!(expect(path, "check golden.exr", 73).contains("link"));
-    assert_eq!(names(other.path()), ["s.glb"]);
+    assert_eq!(names(&other), ["s.glb"]);
 }
 
 #[test]
 fn outputs_that_a_file_names_stay_in_its_folder_and_replace_nothing_of_others() {
-    let (folder, other) = (folder(), tempfile::tempdir().unwrap());
-    let path = folder.path();
+    let (path, other) = (&folder(), Folder::new());
     fs::create_dir(path.join("linked")).unwrap();
-    symlink(other.path(), path.join("away")).unwrap();
+    symlink(&other, path.join("away")).unwrap();
     fs::write(path.join("notes.txt"), "mine").unwrap();
-    fs::write(other.path().join("theirs"), "theirs").unwrap();
-    symlink(other.path().join("theirs"), path.join("linked/stats.json")).unwrap();
-    let outside = other.path().join("stats.json").display().to_string();
+    fs::write(other.join("theirs"), "theirs").unwrap();
+    symlink(other.join("theirs"), path.join("linked/stats.json")).unwrap();
+    let outside = other.join("stats.json").display().to_string();
     for (line, why) in [
         (format!("stats = '{outside}'"), "outside"),
         ("stats = '../../up.json'".into(), "outside"),
@@ -109,40 +102,34 @@ fn outputs_that_a_file_names_stay_in_its_folder_and_replace_nothing_of_others() 
             assert!(said.contains(why) && !path.join("jobs.farm").exists(), "{line}: {said}");
         }
     }
-    assert_eq!(
-        (fs::read(path.join("notes.txt")).unwrap(), names(other.path())),
-        (b"mine".to_vec(), vec!["theirs".into()])
-    );
-    assert_eq!(fs::read(other.path().join("theirs")).unwrap(), b"theirs");
+    assert_eq!((fs::read(path.join("notes.txt")).unwrap(), names(&other)), (b"mine".to_vec(), vec!["theirs".into()]));
+    assert_eq!(fs::read(other.join("theirs")).unwrap(), b"theirs");
     // The command line names another folder, and what bismar has written is replaced.
-    let jobs = format!(
-        "[[job]]\nname = 'a'\nscene = 's.glb'\nsize = '8x8'\nspp = 1\noutput = '{}/p.exr'\n",
-        other.path().display()
-    );
+    let jobs =
+        format!("[[job]]\nname = 'a'\nscene = 's.glb'\nsize = '8x8'\nspp = 1\noutput = '{}/p.exr'\n", other.display());
     fs::write(path.join("jobs.toml"), jobs).unwrap();
-    let root = other.path().display();
+    let root = other.display();
     expect(path, &format!("batch jobs.toml --root {root}"), 0);
     fs::write(path.join("s.glb"), [glb::triangle(), vec![]].concat()).unwrap();
     expect(path, &format!("batch jobs.toml --root {root}"), 0);
     expect(path, &format!("farm submit jobs.toml --root {root} --format plan"), 0);
     // A plan may be of others, too.
-    let picture = other.path().join("p.exr");
+    let picture = other.join("p.exr");
     let task = |code| expect(path, "farm task 1 --plan jobs.farm/farm.json", code);
     fs::write(&picture, "mine").unwrap();
     task(65);
     assert_eq!(fs::read(&picture).unwrap(), b"mine");
     fs::remove_file(&picture).unwrap();
-    symlink(other.path().join("new"), &picture).unwrap();
+    symlink(other.join("new"), &picture).unwrap();
     task(73);
-    assert!(!other.path().join("new").exists());
+    assert!(!other.join("new").exists());
     fs::remove_file(&picture).unwrap();
     task(0);
 }
 
 #[test]
 fn what_a_command_derives_is_not_written_through_links_or_over_files_of_others() {
-    let folder = folder();
-    let path = folder.path();
+    let path = &folder();
     expect(path, "render s.glb -o p.exr --size 8x8 --spp 4 --aov object", 0);
     fs::write(path.join("mine"), "mine").unwrap();
     symlink("mine", path.join("p.object.png")).unwrap();
@@ -168,18 +155,17 @@ fn what_a_command_derives_is_not_written_through_links_or_over_files_of_others()
     expect(path, "render s.glb --size 8x8 --spp 1 -o named.exr --preview named.png", 0);
     assert!(fs::symlink_metadata(path.join("named.png")).unwrap().is_symlink());
     // A folder of results that is a link.
-    let other = tempfile::tempdir().unwrap();
+    let other = Folder::new();
     expect(path, "render s.glb --size 8x8 --spp 1 -o golden.exr", 0);
     fs::create_dir(path.join("bismar-check")).unwrap();
-    symlink(other.path(), path.join("bismar-check/new")).unwrap();
+    symlink(&other, path.join("bismar-check/new")).unwrap();
     expect(path, "check golden.exr", 73);
-    assert!(names(other.path()).is_empty());
+    assert!(names(&other).is_empty());
 }
 
 #[test]
 fn names_that_wait_for_a_render_do_not_stop_it() {
-    let folder = folder();
-    let path = folder.path();
+    let path = &folder();
     for name in [".q.exr.lock.tmp", ".q.exr.AbCdEf.tmp"] {
         assert!(Command::new("mkfifo").arg(path.join(name)).status().unwrap().success());
     }
@@ -196,9 +182,7 @@ fn names_that_wait_for_a_render_do_not_stop_it() {
 
 #[test]
 fn the_plan_of_another_farm_is_not_replaced() {
-    let folder = folder();
-    let path = folder.path();
-    fs::copy(scene("cornell.glb"), path.join("c.glb")).unwrap();
+    let path = &folder().with_scene("c.glb", "cornell.glb");
     let submit =
         |scene: &str| format!("farm submit {scene} --parts 2 --format plan --folder farm -- --size 8x8 --spp 1");
     expect(path, &submit("s.glb"), 0);
@@ -213,8 +197,7 @@ fn the_plan_of_another_farm_is_not_replaced() {
 
 #[test]
 fn what_lies_in_the_folder_of_a_farm_leads_nowhere_and_does_not_wait() {
-    let folder = folder();
-    let path = folder.path();
+    let path = &folder();
     let submit =
         |format: &str| format!("farm submit s.glb --parts 2 --format {format} --folder farm -- --size 40x40 --spp 1");
     let task = "farm task 1 --plan farm/farm.json";
@@ -261,8 +244,7 @@ fn what_lies_in_the_folder_of_a_farm_leads_nowhere_and_does_not_wait() {
 
 #[test]
 fn the_pictures_of_a_folder_are_inputs_too() {
-    let folder = folder();
-    let path = folder.path();
+    let path = &folder();
     for name in ["a", "b"] {
         fs::create_dir(path.join(name)).unwrap();
         expect(path, &format!("render s.glb -o {name}/p.exr --size 8x8 --spp 1 --aov object"), 0);
@@ -282,9 +264,9 @@ fn the_pictures_of_a_folder_are_inputs_too() {
 
 #[test]
 fn a_text_of_a_file_begins_no_line_of_what_is_said() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
     let scene = r#"{"asset": {"version": "2.0"}, "extensionsUsed": ["X\nopenjd_env: A=B"], "extensionsRequired": ["X\nopenjd_env: A=B"]}"#;
-    fs::write(folder.path().join("s.gltf"), scene).unwrap();
-    let said = expect(folder.path(), "render s.gltf --progress openjd", 65);
+    fs::write(folder.join("s.gltf"), scene).unwrap();
+    let said = expect(&folder, "render s.gltf --progress openjd", 65);
     assert!(said.contains("openjd_env: A=B") && said.lines().all(|line| !line.starts_with("openjd_env")), "{said}");
 }

@@ -8,24 +8,17 @@ use bismar::film::exr_file::{HeaderValue, write_rgb};
 use serde_json::{Value, json};
 
 use crate::helpers::glb;
-use crate::helpers::program::{assert_same_bits, attribute, bits, expect, names, scene};
+use crate::helpers::program::{Folder, assert_same_bits, attribute, channel, expect, names, read_json, says};
 
 const FLAGS: &str = "--size 32x20 --spp 4";
 
-fn folder() -> tempfile::TempDir {
-    let folder = tempfile::tempdir().unwrap();
-    fs::copy(scene("cornell.glb"), folder.path().join("c.glb")).unwrap();
-    folder
-}
-
-fn json_of(path: &std::path::Path) -> Value {
-    serde_json::from_slice(&fs::read(path).unwrap()).unwrap()
+fn folder() -> Folder {
+    Folder::new().with_scene("c.glb", "cornell.glb")
 }
 
 #[test]
 fn a_turntable_is_orbits_of_one_load_and_its_cameras_make_it_again() {
-    let folder = folder();
-    let path = folder.path();
+    let path = &folder();
     let line =
         format!("render c.glb --turntable 3 --orbit 40,-10,0.7 {FLAGS} -o set/v.##.exr --preview set/{{frame}}.png");
     let said = expect(path, &format!("{line} -v"), 0);
@@ -41,7 +34,7 @@ fn a_turntable_is_orbits_of_one_load_and_its_cameras_make_it_again() {
     expect(path, &format!("render c.glb --orbit 41,-10,0.7 {FLAGS} -o single.exr --resume -q"), 65);
 
     // The cameras that were written give the same views: to what 32-bit matrices can tell.
-    let cameras = json_of(&path.join("set/transforms.json"));
+    let cameras = read_json(&path.join("set/transforms.json"));
     assert_eq!(cameras["frames"].as_array().map(Vec::len), Some(3));
     assert_eq!((&cameras["frames"][1]["w"], &cameras["frames"][1]["file_path"]), (&json!(32.0), &json!("v.01.exr")));
     expect(path, "render c.glb --cameras set/transforms.json --spp 4 -o again/v.##.exr --aov depth -q", 0);
@@ -50,7 +43,7 @@ fn a_turntable_is_orbits_of_one_load_and_its_cameras_make_it_again() {
         expect(path, &line, 0);
     }
     expect(path, "compare again/v.00.exr set/v.01.exr --max-relmse 0.01", 1);
-    let again = json_of(&path.join("again/transforms.json"));
+    let again = read_json(&path.join("again/transforms.json"));
     for view in 0..3 {
         for (row, column) in (0..4).flat_map(|row| (0..4).map(move |column| (row, column))) {
             let of = |all: &Value| all["frames"][view]["transform_matrix"][row][column].as_f64().unwrap();
@@ -67,8 +60,7 @@ fn a_turntable_is_orbits_of_one_load_and_its_cameras_make_it_again() {
 
 #[test]
 fn a_batch_has_views_too() {
-    let folder = folder();
-    let path = folder.path();
+    let path = &folder();
     let text = "[defaults]\nscene = \"c.glb\"\nsize = [32, 20]\nspp = 4\noutput = \"{name}/####.exr\"\n\
                 [[job]]\nname = \"table\"\nturntable = 2\norbit = [40, -10, 0.7]\n[[job]]\nname = \"one\"\norbit = [40, -10, 0.7]\n\
                 output = \"one.exr\"\n";
@@ -82,8 +74,7 @@ fn a_batch_has_views_too() {
 
 #[test]
 fn what_is_no_view_is_refused_before_anything_is_written() {
-    let folder = folder();
-    let path = folder.path();
+    let path = &folder();
     let cameras = json!({"camera_angle_x": 1.0, "frames": [{"transform_matrix": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 2]]}]});
     fs::write(path.join("bad.json"), cameras.to_string()).unwrap();
     for (flags, code, why) in [
@@ -96,8 +87,7 @@ fn what_is_no_view_is_refused_before_anything_is_written() {
         ("--cameras nowhere.json", 66, "cannot read"),
         ("--cameras bad.json", 65, "last row"),
     ] {
-        let said = expect(path, &format!("render c.glb {FLAGS} {flags}"), code);
-        assert!(said.contains(why), "{flags}: {said}");
+        says(path, &format!("render c.glb {FLAGS} {flags}"), code, why);
     }
     assert_eq!(names(path), ["bad.json", "c.glb"]);
 }
@@ -110,9 +100,7 @@ fn blocks() -> Vec<[f32; 3]> {
 
 #[test]
 fn a_panorama_is_the_environment_map_that_it_sees() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
-    fs::write(path.join("t.glb"), glb::triangle()).unwrap();
+    let path = &Folder::new().with("t.glb", glb::triangle());
     write_rgb(&path.join("sky.exr"), [0, 0, 64, 32], [0, 0, 64, 32], &blocks()).unwrap();
     let line = "render t.glb --camera panorama --size 64x32 --filter box --spp 4 --aov depth -q";
     expect(path, &format!("{line} --env sky.exr -o a.exr"), 0);
@@ -139,8 +127,7 @@ fn a_panorama_is_the_environment_map_that_it_sees() {
 
 #[test]
 fn a_panorama_sees_the_room_around_its_camera_and_its_depth_is_the_distance() {
-    let folder = folder();
-    let path = folder.path();
+    let path = &folder();
     let line = "render c.glb --size 64x32 --spp 1 --aov depth,position -q";
     expect(path, &format!("{line} --camera panorama -o a.exr"), 0);
     expect(path, &format!("{line} --camera 0 -o straight.exr"), 0);
@@ -174,8 +161,7 @@ fn a_panorama_sees_the_room_around_its_camera_and_its_depth_is_the_distance() {
 
 #[test]
 fn panoramas_are_in_camera_files_too() {
-    let folder = folder();
-    let path = folder.path();
+    let path = &folder();
     let frame = json!({"transform_matrix": [[1, 0, 0, 0], [0, 1, 0, 4], [0, 0, 1, 0], [0, 0, 0, 1]]});
     let rig = json!({"camera_model": "EQUIRECTANGULAR", "w": 32, "h": 16, "frames": [frame]});
     fs::write(path.join("rig.json"), rig.to_string()).unwrap();
@@ -184,7 +170,7 @@ fn panoramas_are_in_camera_files_too() {
     let depth = Picture::open(&path.join("a/00.exr"), Some("depth.Z")).unwrap().rgb;
     assert!(depth.iter().filter(|d| d[0] < 1e9).count() > 300);
     assert!(depth[8 * 32][0] > 1e9 && depth[8 * 32 + 16][0] < 1e9);
-    let written = json_of(&path.join("a/transforms.json"));
+    let written = read_json(&path.join("a/transforms.json"));
     assert_eq!(written["frames"][0]["camera_model"], "EQUIRECTANGULAR");
     expect(path, "render c.glb --cameras a/transforms.json --spp 2 --aov depth -o b/##.exr -q", 0);
     assert_same_bits(&path.join("a/00.exr"), &path.join("b/00.exr"));
@@ -192,13 +178,12 @@ fn panoramas_are_in_camera_files_too() {
 
 #[test]
 fn cameras_of_crops_are_those_of_the_cropped_pictures() {
-    let folder = folder();
-    let path = folder.path();
+    let path = &folder();
     let line = "render c.glb --turntable 2 --orbit 40,-10,0.7 --size 64x48 --spp 32 --aov position,depth -q";
     for (name, crop) in [("all", ""), ("cut", "--crop 10,20,50,44"), ("middle", "--crop 16,12,48,36")] {
         expect(path, &format!("{line} {crop} -o {name}/#.exr"), 0);
     }
-    let [all, cut] = ["all", "cut"].map(|name| json_of(&path.join(format!("{name}/transforms.json"))));
+    let [all, cut] = ["all", "cut"].map(|name| read_json(&path.join(format!("{name}/transforms.json"))));
     for view in 0..2 {
         let (all, cut) = (&all["frames"][view], &cut["frames"][view]);
         let number = |key: &str| cut[key].as_f64().unwrap();
@@ -214,21 +199,16 @@ fn cameras_of_crops_are_those_of_the_cropped_pictures() {
             0,
         );
     }
-    let [middle, again] = ["middle", "middle2"].map(|name| json_of(&path.join(format!("{name}/transforms.json"))));
+    let [middle, again] = ["middle", "middle2"].map(|name| read_json(&path.join(format!("{name}/transforms.json"))));
     for key in ["w", "h", "cx", "cy", "fl_x", "fl_y"] {
         let of = |all: &Value| all["frames"][1][key].as_f64().unwrap();
         // Through 32-bit matrices.
         assert!((of(&middle) / of(&again) - 1.0).abs() < 1e-5, "{key}: {middle} {again}");
     }
-    let [first, second] = ["cut", "cut2"].map(|name| json_of(&path.join(format!("{name}/transforms.json"))));
+    let [first, second] = ["cut", "cut2"].map(|name| read_json(&path.join(format!("{name}/transforms.json"))));
     assert_eq!(first["frames"][1]["cx"], second["frames"][1]["cx"]);
     // The same views, but for their noise and the places of their windows.
-    let depth = |name: &str| {
-        let layers = bits(&path.join(format!("{name}/1.exr")));
-        let (_, values) = layers.into_iter().find(|(layer, _)| layer.starts_with("depth")).unwrap();
-        values.into_iter().map(f32::from_bits).collect::<Vec<_>>()
-    };
-    let (again, cut) = (depth("cut2"), depth("cut"));
+    let [again, cut] = ["cut2", "cut"].map(|name| channel(&path.join(format!("{name}/1.exr")), "depth.Z"));
     let errors: Vec<_> = again.iter().zip(&cut).map(|(a, b)| if a == b { 0.0 } else { (a - b).abs() / b }).collect();
     // Edges of objects apart.
     let near = errors.iter().filter(|error| **error < 0.02).count();
@@ -237,8 +217,7 @@ fn cameras_of_crops_are_those_of_the_cropped_pictures() {
 
 #[test]
 fn calibrated_cameras_are_written_as_they_were_read_and_depths_along_the_axis_are_of_them() {
-    let folder = folder();
-    let path = folder.path();
+    let path = &folder();
     let rows = [[1, 0, 0, 0], [0, 1, 0, 1], [0, 0, 1, 3]];
     let lens = json!({"w": 64, "h": 48, "fl_x": 41.5, "fl_y": 40.25, "cx": 30.125, "cy": 25.5});
     for (name, model, more) in [
@@ -254,7 +233,7 @@ fn calibrated_cameras_are_written_as_they_were_read_and_depths_along_the_axis_ar
         fs::write(path.join("rig.json"), rig.to_string()).unwrap();
         let line = format!("render c.glb --cameras rig.json --spp 4 --aov depth,position,object -q -o {name}/#.exr");
         expect(path, &line, 0);
-        let written = json_of(&path.join(format!("{name}/transforms.json")));
+        let written = read_json(&path.join(format!("{name}/transforms.json")));
         let frame = &written["frames"][0];
         assert!(
             rig.as_object()
@@ -275,7 +254,7 @@ fn calibrated_cameras_are_written_as_they_were_read_and_depths_along_the_axis_ar
         assert_same_bits(&path.join(format!("{name}/0.exr")), &path.join("again/0.exr"));
         fs::remove_dir_all(path.join("again")).unwrap();
         expect(path, &format!("{line} --crop 8,8,40,40").replace(&format!("{name}/"), "cut/"), 0);
-        let cut = json_of(&path.join("cut/transforms.json"));
+        let cut = read_json(&path.join("cut/transforms.json"));
         assert_eq!((&cut["frames"][0]["cx"], &cut["frames"][0]["k1"]), (&json!(22.125), &frame["k1"]));
         fs::remove_dir_all(path.join("cut")).unwrap();
 
@@ -311,6 +290,6 @@ fn calibrated_cameras_are_written_as_they_were_read_and_depths_along_the_axis_ar
     assert!(expect(path, line, 64).contains("a fisheye has no focal plane"));
     expect(path, "render c.glb --cameras opencv/transforms.json --aperture f/2 --spp 1 -o x/#.exr -q", 0);
     expect(path, "render c.glb --cameras opencv/transforms.json --size 128x96 --spp 1 -o y/#.exr -q", 0);
-    let scaled = json_of(&path.join("y/transforms.json"));
+    let scaled = read_json(&path.join("y/transforms.json"));
     assert_eq!((&scaled["frames"][0]["fl_x"], &scaled["frames"][0]["cy"]), (&json!(83.0), &json!(51.0)));
 }

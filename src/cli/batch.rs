@@ -13,7 +13,6 @@ use clap::Args;
 use glob::Pattern;
 
 use crate::console::args::threads;
-use crate::console::progress::Style;
 use crate::console::{Verbosity, Verdict};
 use crate::film::atomic;
 use crate::{Error, Result};
@@ -89,8 +88,7 @@ pub fn run(args: &BatchArgs, verbosity: Verbosity) -> Result<Verdict> {
         isolate: args.isolate,
         dry_run: args.dry_run,
         threads: args.threads,
-        style: Style::Auto,
-        signals_from_parent: false,
+        ..Work::default()
     };
     work.run(jobs, paths, verbosity)
 }

@@ -265,14 +265,11 @@ fn render(args: &CheckArgs, jobs: Vec<Job>, verbosity: Verbosity) -> Result<Hash
         file: "golden pictures".into(),
         order,
         report: Some(report.clone()),
-        events: None,
         folders: vec![args.out.clone()],
         at_once: args.jobs as usize,
-        isolate: false,
-        dry_run: false,
         threads: args.threads,
         style: if verbosity.quiet { Style::None } else { Style::Auto },
-        signals_from_parent: false,
+        ..Work::default()
     };
     work.run(jobs, Paths::default(), Verbosity { quiet: true, ..verbosity })?;
     let entries = earlier(&report);

@@ -14,9 +14,10 @@ use crate::Error;
 use crate::render::Progress;
 
 /// The format of progress reports.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum Style {
     /// A bar if stderr is a terminal, else plain.
+    #[default]
     Auto,
     /// A bar on stderr, with time, paths, noise and Mrays/s.
     Bar,

@@ -6,7 +6,7 @@ use std::process::Command;
 
 use serde_json::Value;
 
-use super::program;
+use super::program::{self, Folder};
 
 /// Says that something is not installed; on CI it must be.
 pub fn absent(why: &str) {
@@ -25,10 +25,8 @@ pub const HOSTILE: [&str; 6] = [
 ];
 
 /// With `veach.glb`.
-pub fn folder() -> tempfile::TempDir {
-    let folder = tempfile::tempdir().unwrap();
-    fs::copy(program::scene("veach.glb"), folder.path().join("veach.glb")).unwrap();
-    folder
+pub fn folder() -> Folder {
+    Folder::new().with_scene("veach.glb", "veach.glb")
 }
 
 /// Its stdout; both streams if it fails.

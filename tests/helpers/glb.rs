@@ -98,6 +98,52 @@ pub fn moving() -> Vec<u8> {
     file(&document, &binary)
 }
 
+/// A quad with normals, indices, a texture, a camera and a light: a bit of everything.
+pub fn quad() -> Vec<u8> {
+    let floats = |values: &[f32]| values.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>();
+    let mut bin = floats(&[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0, 0.0]);
+    bin.extend(floats(&[0.0, 0.0, 1.0].repeat(4)));
+    bin.extend(floats(&[0.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0]));
+    bin.extend([0_u16, 1, 2, 0, 2, 3].iter().flat_map(|x| x.to_le_bytes()));
+    let mut png = Vec::new();
+    let pixels = [200, 100, 50, 255, 0, 0, 0, 0];
+    image::ImageEncoder::write_image(
+        image::codecs::png::PngEncoder::new(&mut png),
+        &pixels,
+        2,
+        1,
+        image::ExtendedColorType::Rgba8,
+    )
+    .unwrap();
+    let picture = (bin.len(), png.len());
+    bin.extend(png);
+    let json = format!(
+        r#"{{"asset":{{"version":"2.0"}},"scene":0,"scenes":[{{"nodes":[0,1,2]}}],
+        "extensionsUsed":["KHR_lights_punctual","KHR_texture_transform"],
+        "extensions":{{"KHR_lights_punctual":{{"lights":[{{"type":"spot","spot":{{}},"intensity":5}}]}}}},
+        "nodes":[{{"mesh":0,"rotation":[0,0,0,1]}},{{"camera":0,"translation":[0,0,3]}},
+          {{"extensions":{{"KHR_lights_punctual":{{"light":0}}}}}}],
+        "cameras":[{{"type":"perspective","perspective":{{"yfov":0.7,"znear":0.1}}}}],
+        "meshes":[{{"primitives":[{{"attributes":{{"POSITION":0,"NORMAL":1,"TEXCOORD_0":2}},"indices":3,"material":0}}]}}],
+        "materials":[{{"alphaMode":"MASK","normalTexture":{{"index":0}},"pbrMetallicRoughness":{{"baseColorTexture":
+          {{"index":0,"extensions":{{"KHR_texture_transform":{{"scale":[2,2],"rotation":1}}}}}}}}}}],
+        "textures":[{{"source":0,"sampler":0}}],"samplers":[{{"wrapS":33648}}],
+        "images":[{{"bufferView":4,"mimeType":"image/png"}}],
+        "accessors":[{{"bufferView":0,"componentType":5126,"count":4,"type":"VEC3"}},
+          {{"bufferView":1,"componentType":5126,"count":4,"type":"VEC3"}},
+          {{"bufferView":2,"componentType":5126,"count":4,"type":"VEC2"}},
+          {{"bufferView":3,"componentType":5123,"count":6,"type":"SCALAR"}}],
+        "bufferViews":[{{"buffer":0,"byteLength":48}},{{"buffer":0,"byteOffset":48,"byteLength":48}},
+          {{"buffer":0,"byteOffset":96,"byteLength":32}},{{"buffer":0,"byteOffset":128,"byteLength":12}},
+          {{"buffer":0,"byteOffset":{},"byteLength":{}}}],
+        "buffers":[{{"byteLength":{}}}]}}"#,
+        picture.0,
+        picture.1,
+        bin.len()
+    );
+    file(&serde_json::from_str(&json).unwrap(), &bin)
+}
+
 /// So many triangles through the same 1000 points of [-1, 1]³, hard to put in order; no camera, no light.
 pub fn thicket(triangles: u32) -> Vec<u8> {
     const POINTS: u16 = 1000;

@@ -1,14 +1,53 @@
 //! The program under test, and its pictures to the bit.
 
 use std::fs;
+use std::io::{BufRead, BufReader, Read};
+use std::ops::Deref;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Output};
+use std::process::{Child, ChildStderr, Command, Output, Stdio};
 
 use exr::prelude::*;
 
 /// A scene that ships with the project.
 pub fn scene(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name)
+}
+
+/// A new folder for a test; removed when dropped.
+pub struct Folder(tempfile::TempDir);
+
+impl Folder {
+    pub fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    /// With one more file, in folders that are made for it.
+    pub fn with(self, name: &str, bytes: impl AsRef<[u8]>) -> Self {
+        let path = self.join(name);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(path, bytes).unwrap();
+        self
+    }
+
+    /// With a copy of a scene that ships with the project.
+    pub fn with_scene(self, name: &str, shipped: &str) -> Self {
+        let bytes = fs::read(scene(shipped)).unwrap();
+        self.with(name, bytes)
+    }
+}
+
+impl Deref for Folder {
+    type Target = Path;
+
+    fn deref(&self) -> &Path {
+        self.0.path()
+    }
+}
+
+impl AsRef<Path> for Folder {
+    fn as_ref(&self) -> &Path {
+        self
+    }
 }
 
 pub fn program() -> &'static Path {
@@ -36,13 +75,91 @@ pub fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
+/// Runs `bismar LINE`.
+pub fn run(folder: &Path, line: &str) -> Output {
+    bismar(folder).args(line.split_whitespace()).output().unwrap()
+}
+
 /// Runs `bismar LINE`, expects an exit code, and returns stderr.
 #[track_caller]
 pub fn expect(folder: &Path, line: &str, code: i32) -> String {
-    let output = bismar(folder).args(line.split_whitespace()).output().unwrap();
+    both(folder, line, code).1
+}
+
+/// The same for stdout.
+#[track_caller]
+pub fn stdout(folder: &Path, line: &str, code: i32) -> String {
+    both(folder, line, code).0
+}
+
+#[track_caller]
+fn both(folder: &Path, line: &str, code: i32) -> (String, String) {
+    let output = run(folder, line);
     let text = stderr(&output);
     assert_eq!(output.status.code(), Some(code), "bismar {line}\n{text}");
-    text
+    (String::from_utf8(output.stdout).unwrap(), text)
+}
+
+/// The same, and these words must be on stderr.
+#[track_caller]
+pub fn says(folder: &Path, line: &str, code: i32, words: &str) {
+    let text = expect(folder, line, code);
+    assert!(text.contains(words), "bismar {line}: no '{words}' in\n{text}");
+}
+
+/// A render whose messages are read while it goes on.
+pub struct Running {
+    child: Child,
+    stderr: BufReader<ChildStderr>,
+    /// What it has said so far.
+    pub said: String,
+}
+
+impl Running {
+    /// Starts `bismar LINE`.
+    pub fn start(folder: &Path, line: &str) -> Self {
+        let mut command = bismar(folder);
+        command.args(line.split_whitespace()).stdout(Stdio::null()).stderr(Stdio::piped());
+        let mut child = command.spawn().unwrap();
+        let stderr = BufReader::new(child.stderr.take().unwrap());
+        Self { child, stderr, said: String::new() }
+    }
+
+    /// Reads on until it has said these words.
+    #[track_caller]
+    pub fn until(&mut self, words: &str) {
+        while !self.said.contains(words) {
+            self.next_line();
+        }
+    }
+
+    #[track_caller]
+    pub fn next_line(&mut self) {
+        assert_ne!(self.stderr.read_line(&mut self.said).unwrap(), 0, "it ended by itself:\n{}", self.said);
+    }
+
+    /// Sends a signal, as in `-TERM`, and waits for the end: the exit code, and all that was said.
+    #[track_caller]
+    pub fn end(mut self, by: &str) -> (Option<i32>, String) {
+        signal(&self.child, by);
+        self.stderr.read_to_string(&mut self.said).unwrap();
+        (self.child.wait().unwrap().code(), self.said)
+    }
+}
+
+/// A JSON file.
+#[track_caller]
+pub fn read_json(path: &Path) -> serde_json::Value {
+    let bytes = fs::read(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+    serde_json::from_slice(&bytes).unwrap()
+}
+
+/// The values of a channel.
+#[track_caller]
+pub fn channel(path: &Path, name: &str) -> Vec<f32> {
+    let found = bits(path).into_iter().find(|(own, _)| own == name);
+    let (_, values) = found.unwrap_or_else(|| panic!("{} has no {name}", path.display()));
+    values.into_iter().map(f32::from_bits).collect()
 }
 
 /// Every channel of the picture's first part, as bits.

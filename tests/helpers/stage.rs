@@ -4,7 +4,7 @@ use std::sync::atomic::AtomicBool;
 
 use bismar::integrator::PreparedScene;
 use bismar::rays::Backend;
-use bismar::render::{RenderSettings, render};
+use bismar::render::{RenderSettings, Rendered, render};
 pub use bismar::scene::build::{area_light, glass, lambert, look, metal};
 use bismar::scene::{
     Deformation, Environment, LightKey, Material, Mesh, Motion, PunctualKind, PunctualLight, Scene, build,
@@ -77,10 +77,7 @@ pub fn globe_hall() -> Arc<Scene> {
     }
     let film = Material { iridescence: 1.0, emissive: Vec3::splat(0.2), ..absorbing };
     closed_box(&mut scene, Vec3::new(-0.3, 0.1, 1.5), Vec3::new(0.2, 0.5, 1.9), film);
-    let (kind, intensity, position, direction) =
-        (PunctualKind::Point, Vec3::splat(2.0), Vec3::new(0.4, 1.8, 2.4), Vec3::NEG_Y);
-    let (name, range, motion) = ("lamp".into(), f32::INFINITY, Vec::new());
-    scene.lights.push(PunctualLight { name, kind, intensity, position, direction, range, size: 0.0, motion });
+    scene.lights.push(punctual(PunctualKind::Point, 2.0, Vec3::new(0.4, 1.8, 2.4), Vec3::NEG_Y));
     Arc::new(scene)
 }
 
@@ -93,6 +90,12 @@ pub fn hall() -> Arc<Scene> {
     add(&mut scene, points, indices, metal(0.4));
     look(&mut scene, Vec3::new(0.0, 1.2, 4.0), Vec3::new(0.0, 0.5, 0.0), 0.6);
     Arc::new(scene)
+}
+
+/// A punctual light without a size.
+pub fn punctual(kind: PunctualKind, intensity: f32, position: Vec3, direction: Vec3) -> PunctualLight {
+    let (name, range, motion) = ("lamp".into(), f32::INFINITY, Vec::new());
+    PunctualLight { name, kind, intensity: Vec3::splat(intensity), position, direction, range, size: 0.0, motion }
 }
 
 /// A motion from identity that rotates about +y and translates.
@@ -121,10 +124,8 @@ pub fn moving_hall() -> Arc<Scene> {
     add(&mut scene, points, indices, metal(0.4));
     set_in_motion(&mut scene, turning(1.5, Vec3::new(0.3, 0.1, 0.0)));
     let key = |x| LightKey { intensity: Vec3::splat(2.0), position: Vec3::new(x, 1.5, 1.0), direction: Vec3::NEG_Y };
-    let LightKey { intensity, position, direction } = key(0.5);
-    let (name, kind, range) = ("lamp".into(), PunctualKind::Point, f32::INFINITY);
-    let motion = vec![key(-0.5), key(1.5)];
-    scene.lights.push(PunctualLight { name, kind, intensity, position, direction, range, size: 0.0, motion });
+    let light = punctual(PunctualKind::Point, 2.0, Vec3::new(0.5, 1.5, 1.0), Vec3::NEG_Y);
+    scene.lights.push(PunctualLight { motion: vec![key(-0.5), key(1.5)], ..light });
     look(&mut scene, Vec3::new(0.0, 1.2, 4.0), Vec3::new(0.0, 0.5, 0.0), 0.6);
     let stand = |x| DAffine3::from_translation(DVec3::new(x, 1.2, 4.0));
     scene.cameras[0].motion = Motion::new(&[stand(0.0), stand(0.2)]).map(Arc::new);
@@ -141,15 +142,22 @@ impl Stage {
         Self { scene: PreparedScene::build(scene, backend).unwrap() }
     }
 
+    pub fn render(&self, settings: &RenderSettings) -> Rendered {
+        render(&self.scene, settings, &AtomicBool::new(false), &|_| ()).unwrap()
+    }
+
+    pub fn render_on(&self, threads: usize, settings: &RenderSettings) -> Rendered {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| self.render(settings))
+    }
+
     /// Green of each pixel.
     pub fn green(&self, settings: &RenderSettings) -> Vec<f64> {
         self.channel(settings, 1)
     }
 
     fn channel(&self, settings: &RenderSettings, channel: usize) -> Vec<f64> {
-        let stop = AtomicBool::new(false);
-        let rendered = render(&self.scene, settings, &stop, &|_| ()).unwrap();
-        rendered.film().pixels.iter().map(|p| p.sum[channel] / f64::from(p.samples)).collect()
+        self.render(settings).film().pixels.iter().map(|p| p.sum[channel] / f64::from(p.samples)).collect()
     }
 
     /// Mean over `replicas` renders of the picture's mean green, with seeds from `settings.seed` on.

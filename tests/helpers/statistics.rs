@@ -43,6 +43,11 @@ impl Mean {
         (self.m2 / (self.n - 1.0) / self.n).sqrt()
     }
 
+    /// Standard errors of both from another mean.
+    pub fn z_to(&self, other: &Mean) -> f64 {
+        (self.mean - other.mean) / self.standard_error().hypot(other.standard_error())
+    }
+
     /// Standard errors from `expected`. Values that all agree to rounding are judged by rounding.
     pub fn z(&self, expected: f64) -> f64 {
         if self.mean == expected {

@@ -20,15 +20,12 @@ pub fn run(sequence: Sequence, verbosity: Verbosity) -> Result<Verdict> {
     let work = Work {
         file,
         order: jobs.iter().map(|j| j.job.name.clone()).collect(),
-        report: None,
-        events: None,
         folders,
         at_once: 1,
-        isolate: false,
-        dry_run: false,
         threads,
         style,
         signals_from_parent,
+        ..Work::default()
     };
     work.run(jobs, paths, verbosity)
 }

@@ -26,6 +26,7 @@ use crate::render::checkpoint::Earlier;
 use crate::{Error, Result};
 
 /// Options of a batch.
+#[derive(Default)]
 pub struct Work {
     /// Batch file or scene, as the report names it.
     pub file: String,
