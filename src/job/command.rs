@@ -38,7 +38,11 @@ pub struct PictureCommand {
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub env: Option<String>,
     /// Names and values; `true` for switches. Names are those of flags of `bismar render`, without dashes.
+    #[serde(default)]
     fields: BTreeMap<String, Value>,
+    /// The same in files of earlier versions.
+    #[serde(skip_serializing, default)]
+    flags: Vec<(String, Option<String>)>,
 }
 
 impl PictureCommand {
@@ -55,7 +59,7 @@ impl PictureCommand {
         if env == Some(None) {
             return None;
         }
-        Some(Self { scene: shared(&request.scene)?, env: env.flatten(), fields })
+        Some(Self { scene: shared(&request.scene)?, env: env.flatten(), fields, flags: Vec::new() })
     }
 
     /// Adds the attribute to a header.
@@ -73,7 +77,9 @@ impl PictureCommand {
     pub fn read(header: &Header) -> Option<Self> {
         text(header, ATTRIBUTE).and_then(|text| serde_json::from_str(text).ok())
     }
+}
 
+impl PictureCommand {
     /// The fields as flags of a job; a name that `is_known` denies is an error. What does not decide what is in the picture is
     /// left out.
     ///
@@ -85,11 +91,12 @@ impl PictureCommand {
             Value::String(text) => Some(text.clone()),
             other => Some(other.to_string()),
         };
-        if let Some(name) = self.fields.keys().find(|name| !is_known(name)) {
-            return Err(name.clone());
+        let fields = self.fields.iter().map(|(name, value)| (name.clone(), text(value)));
+        let all: Vec<_> = fields.chain(self.flags.iter().cloned()).collect();
+        match all.iter().find(|(name, _)| !is_known(name)) {
+            Some((name, _)) => Err(name.clone()),
+            None => Ok(all.into_iter().filter(|(name, _)| is_of_the_picture(name)).collect()),
         }
-        let of_the_picture = self.fields.iter().filter(|(name, _)| is_of_the_picture(name));
-        Ok(of_the_picture.map(|(name, value)| (name.clone(), text(value))).collect())
     }
 }
 
