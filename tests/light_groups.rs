@@ -105,7 +105,7 @@ fn layers_are_pictures_by_their_lights_and_add_up_to_the_beauty() {
                 }
             }
             for (name, (ours, alone)) in by.names().iter().zip(means.iter().zip(alone)) {
-                let z = ours.z_to(&alone);
+                let z = ours.z_to(alone);
                 let [ours, alone] = [ours.mean, alone.mean];
                 assert!(alone > 0.01 && z.abs() < limit, "{number}, {name}: {ours} {alone}, z {z}");
             }
