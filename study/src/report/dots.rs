@@ -11,7 +11,7 @@ pub struct Dot {
     pub value: f64,
     /// Its standard error; two of them are drawn either way.
     pub error: f64,
-    /// Index into [`DotPlot::kinds`].
+    /// Number of its kind in the list that the plot is made with.
     pub kind: usize,
 }
 
