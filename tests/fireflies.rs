@@ -105,7 +105,7 @@ fn replaying_takes_the_passes_that_tiles_took_for_themselves() {
             assert_eq!(paths, stats.samples, "{x} {y}");
             // Most of what a pixel borrows is from others, and none of it is more than what it has.
             let lent: Vec3 = borrowed.iter().map(|loan| loan.radiance).sum();
-            let others = borrowed.iter().filter(|loan| loan.pixel != [x, y]).count();
+            let others = borrowed.iter().filter(|loan| loan.from[..2] != [x, y]).count();
             assert!(lent.x <= sum.x * 1.001 && 2 * others >= borrowed.len(), "{x} {y}: {lent} of {sum}, {others}");
             lends |= !borrowed.is_empty();
             let found = f64::from(sum.x);

@@ -1,6 +1,5 @@
 //! Traces the paths of one pixel again, one by one, to find out where a value comes from.
 
-use std::ops::Range;
 use std::sync::atomic::AtomicBool;
 
 use glam::Vec3;
@@ -14,7 +13,7 @@ use super::{RenderSettings, scheduler};
 use crate::color::luminance;
 use crate::integrator::clients::ScatteredSums;
 use crate::integrator::scalar::{self, Event};
-use crate::integrator::{PixelTask, PreparedScene, Transport, Wave};
+use crate::integrator::{Loan, PixelTask, PreparedScene, Transport, Wave};
 use crate::{Error, Result};
 
 /// One path of a pixel.
@@ -26,20 +25,9 @@ pub struct Replayed {
     /// reweighted later.
     pub radiance: Vec3,
     /// What of it paths of the tile have lent ([`Technique::PathReuse`](super::Technique::PathReuse)), the brightest first.
-    pub borrowed: Vec<Borrowed>,
+    pub borrowed: Vec<Loan>,
     /// What happens to the path without path re-use.
     pub events: Vec<Event>,
-}
-
-/// Light that a path borrows.
-#[derive(Debug, Clone, Copy)]
-pub struct Borrowed {
-    /// Column and row of the pixel whose path has found it.
-    pub pixel: [u32; 2],
-    /// The path's number in that pixel.
-    pub path: u32,
-    /// Linear RGB, as it is added to the path that borrows.
-    pub radiance: Vec3,
 }
 
 /// Traces the passes of the tile around pixel (`x`, `y`) until all samples of `settings` are taken, and passes each path of
@@ -74,12 +62,14 @@ pub fn replay(
     while let Some(pass) = planned(&tile) {
         transport.seed = pass_seed(settings, tile.paths());
         tile.pass_watched(&transport, settings, (pass, deals), &mut |tasks: &[PixelTask]| {
-            let Some((task, range)) = with_ranges(tasks).find(|(task, _)| [task.x, task.y] == [x, y]) else { return };
+            let Some(pixel) = tasks.iter().position(|task| [task.x, task.y] == [x, y]) else { return };
+            let task = &tasks[pixel];
+            let first: u32 = tasks[..pixel].iter().map(|task| task.counts.paths).sum();
             for path in (0..task.counts.paths).filter(|path| only.is_none_or(|only| only == task.first_path + path)) {
                 let mut events = Vec::new();
                 let radiance = scalar::trace(&transport, task, path, &mut |event| events.push(event));
                 let (radiance, borrowed) = match transport.proposal.reuse {
-                    Some(_) => shared(&transport, tasks, range.start + path),
+                    Some(_) => shared(&transport, tasks, first + path),
                     None => (radiance, Vec::new()),
                 };
                 report(Replayed { path: task.first_path + path, radiance, borrowed, events });
@@ -93,27 +83,13 @@ pub fn replay(
     Ok(())
 }
 
-/// The tasks of a wave, each with the indices of its paths.
-fn with_ranges(tasks: &[PixelTask]) -> impl Iterator<Item = (&PixelTask, Range<u32>)> {
-    tasks.iter().scan(0, |next, task| {
-        let first = *next;
-        *next += task.counts.paths;
-        Some((task, first..*next))
-    })
-}
-
 /// Traces a wave whose paths share what they find: the radiance of the path of this index, and what it borrows.
-fn shared(transport: &Transport, tasks: &[PixelTask], index: u32) -> (Vec3, Vec<Borrowed>) {
+fn shared(transport: &Transport, tasks: &[PixelTask], index: u32) -> (Vec3, Vec<Loan>) {
     let mut wave = Wave::default();
     wave.watch(index);
     wave.run(transport, tasks, &mut ScatteredSums(&mut vec![Vec3::ZERO; tasks.len()]));
     let (radiance, loans) = wave.watched().expect("a path is watched");
-    let borrowed = loans.iter().filter_map(|loan| {
-        let (task, range) = with_ranges(tasks).find(|(_, range)| range.contains(&loan.path))?;
-        let path = task.first_path + loan.path - range.start;
-        Some(Borrowed { pixel: [task.x, task.y], path, radiance: loan.radiance })
-    });
-    let mut borrowed: Vec<_> = borrowed.filter(|loan| loan.radiance != Vec3::ZERO).collect();
+    let mut borrowed: Vec<_> = loans.iter().copied().filter(|loan| loan.radiance != Vec3::ZERO).collect();
     borrowed.sort_by(|a, b| luminance(b.radiance).total_cmp(&luminance(a.radiance)));
     (radiance, borrowed)
 }

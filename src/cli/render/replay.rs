@@ -2,9 +2,9 @@
 
 use super::values::PixelPath;
 use crate::console::{Verdict, print};
+use crate::integrator::Loan;
 use crate::job::{Inputs, Loaded, RenderRequest, settings};
 use crate::render::prepass::allocation::MAX_PATHS_OVER_MEAN;
-use crate::render::replay::Borrowed;
 use crate::render::{RenderSettings, Technique, replay};
 use crate::{Error, Result};
 
@@ -43,7 +43,7 @@ pub fn run(request: &RenderRequest, pixel_path: PixelPath) -> Result<Verdict> {
         if !replayed.borrowed.is_empty() {
             text += "\n  of that, borrowed (path re-use):";
         }
-        for Borrowed { pixel: [x, y], path, radiance } in &replayed.borrowed {
+        for Loan { from: [x, y, path], radiance } in &replayed.borrowed {
             text += &format!("\n    {radiance} from pixel {x},{y} path {path}");
         }
         for event in &replayed.events {

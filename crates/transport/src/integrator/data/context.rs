@@ -33,4 +33,12 @@ impl<'a> WaveContext<'a> {
     pub fn pixel(&self, path: u32) -> usize {
         self.paths[path as usize].pixel as usize
     }
+
+    /// Column and row of a path's pixel, and the path's number in it.
+    pub fn place(&self, path: u32) -> [u32; 3] {
+        let pixel = self.pixel(path);
+        let before = self.tasks[..pixel].iter().map(|task| task.counts.paths).sum::<u32>();
+        let task = &self.tasks[pixel];
+        [task.x, task.y, task.first_path + path - before]
+    }
 }

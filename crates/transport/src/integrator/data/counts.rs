@@ -52,10 +52,7 @@ impl WaveCounts {
     pub(in crate::integrator) fn add_not_finite(&mut self, at: &WaveContext, samples: &NonFiniteSamples) {
         self.not_finite += samples.count;
         if let (None, Some(path)) = (self.first_not_finite, samples.first) {
-            let pixel = at.pixel(path);
-            let before = at.tasks[..pixel].iter().map(|task| task.counts.paths).sum::<u32>();
-            let task = &at.tasks[pixel];
-            self.first_not_finite = Some([task.x, task.y, task.first_path + path - before]);
+            self.first_not_finite = Some(at.place(path));
         }
     }
 

@@ -60,8 +60,8 @@ pub struct Lending {
 /// Light that a path borrows from a second surface.
 #[derive(Debug, Clone, Copy)]
 pub struct Loan {
-    /// Index in the wave of the path that found the second surface.
-    pub path: u32,
+    /// Column and row of the pixel whose path has found the second surface, and the path's number in it.
+    pub from: [u32; 3],
     /// Linear RGB, as it is added to the path that borrows.
     pub radiance: Vec3,
 }
@@ -179,15 +179,17 @@ impl Lending {
     ) {
         let Some(reuse) = at.transport.proposal.reuse.filter(|_| self.active) else { return };
         let Self { vertices, samples, groups, lenders, pairs, loans, watched, .. } = self;
-        let a_b = |sample: &FirstSample| at.paths[sample.path as usize].samples_per_path[2];
+        let weighted = |sum: Vec3, sample: &FirstSample| {
+            vertices[0].beta.get(sample.x as usize) * sum / at.paths[sample.path as usize].samples_per_path[2]
+        };
         pairs.begin(at.transport, samples.len());
         for (members, traced) in groups.each(reuse) {
             let q = traced as f32 / members.len() as f32;
             let lenders_of = members[..traced].iter().map(|member| samples[*member as usize].lender);
             let is_lit = |lender: &u32| lenders.get(*lender as usize).is_some_and(Lender::is_lit);
             let lit = lenders_of.filter(is_lit);
-            let is_watched = |member: &&u32| Some(samples[**member as usize].path) == *watched;
-            let Some(borrower) = members.iter().find(is_watched) else {
+            let of_watched = |path| members.iter().find(|member| samples[**member as usize].path == path);
+            let Some(borrower) = watched.and_then(of_watched) else {
                 pairs.push(members, lit, q);
                 if pairs.is_full() {
                     pairs.evaluate(at.transport, vertices, samples, lenders, counts);
@@ -195,17 +197,14 @@ impl Lending {
                 continue;
             };
             // One lender after the other, which tells them apart.
-            let x = &samples[*borrower as usize];
-            for lender in lit.collect::<Vec<_>>() {
-                pairs.evaluate(at.transport, vertices, samples, lenders, counts);
+            pairs.evaluate(at.transport, vertices, samples, lenders, counts);
+            for own in members[..traced].iter().map(|member| &samples[*member as usize]) {
                 let before = pairs.borrowed_by(*borrower);
-                pairs.push(members, [lender].into_iter(), q);
+                let lit = lenders.get(own.lender as usize).filter(|lender| lender.is_lit()).map(|_| own.lender);
+                pairs.push(members, lit.into_iter(), q);
                 pairs.evaluate(at.transport, vertices, samples, lenders, counts);
-                let sum = pairs.borrowed_by(*borrower) - before;
-                let own = members.iter().map(|member| &samples[*member as usize]).find(|own| own.lender == lender);
-                loans.extend(
-                    own.map(|own| Loan { path: own.path, radiance: vertices[0].beta.get(x.x as usize) * sum / a_b(x) }),
-                );
+                let radiance = weighted(pairs.borrowed_by(*borrower) - before, &samples[*borrower as usize]);
+                loans.push(Loan { from: at.place(own.path), radiance });
             }
         }
         pairs.evaluate(at.transport, vertices, samples, lenders, counts);
@@ -216,7 +215,7 @@ impl Lending {
             }
             let mut by_group = [Vec3::ZERO; MAX_GROUPS];
             for (group, sum) in pairs.groups.iter().zip(sums) {
-                by_group[*group] = vertices[0].beta.get(sample.x as usize) * sum / a_b(sample);
+                by_group[*group] = weighted(*sum, sample);
             }
             let radiance = by_group.iter().sum::<Vec3>();
             if !radiance.is_finite() {
