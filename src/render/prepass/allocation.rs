@@ -6,7 +6,6 @@
 //! variance of emission that the camera sees directly is estimated from all pixels (`visible_emission`); where it is large, camera
 //! rays for emission alone reduce it.
 
-use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
@@ -22,7 +21,7 @@ use super::super::scheduler::planned_to;
 use super::super::techniques::{Choice, MIN_AUTO_PATHS, Technique};
 use super::super::tile::{TILE, Tile};
 use super::effort::{
-    self, ALLOCATION_PIXELS_PER_TILE, CAMERA_RAY_COST, FIRST_ALLOCATION_PIXELS_PER_TILE, MAX_ALLOCATION_PIXELS,
+    self, ALLOCATION_PIXELS, ALLOCATION_PIXELS_PER_TILE, CAMERA_RAY_COST, FIRST_ALLOCATION_PIXELS_PER_TILE,
     MAX_REMAINING_ALLOCATED, MAX_REMAINING_BY_EMISSION_RAYS, MAX_REMAINING_PROMISING,
 };
 use super::rounds::Decided;
@@ -34,11 +33,14 @@ use crate::integrator::clients::ScatteredSums;
 use crate::integrator::{EmissionRayCounts, PixelTask, Proposal, Transport, Wave, WaveCounts};
 use crate::sampling::hash;
 
-/// Paths per pixel of the pre-pass in each of its two scrambles. Their difference is the error that remains with fixed
-/// sample counts and stratified points.
-const PATHS_PER_SCRAMBLE: u32 = 4;
-/// Sampled pixels at which a tile's own estimate has the same weight as that of the tiles around it.
-const SMOOTHING_PIXELS: f64 = 40.0;
+/// Paths per pixel of the pre-pass in each of its two scrambles, in the first and the second step. The difference of two scrambles
+/// is the error that remains with fixed sample counts and stratified points. It falls faster than by the number of paths where
+/// light is smooth: few paths make easy tiles look too noisy.
+const PATHS_PER_SCRAMBLE: [u32; 2] = [4, 8];
+/// Sampled paths of a scramble at which a tile's own estimate has the same weight as that of the tiles around it.
+const SMOOTHING_PATHS: f64 = 160.0;
+/// An allocation is judged by pixels that had no part in it: each fold of the sampled ones by all others (cross-validation).
+const FOLDS: usize = 4;
 /// Minimum and maximum doublings of the mean number of paths. Powers of two suit low-discrepancy points, by a few per
 /// cent.
 const DOUBLINGS: [i32; 2] = [-2, 2];
@@ -74,10 +76,12 @@ impl Decided for Allocation {
 struct Survey {
     /// Pixels.
     pixels: f64,
-    /// Sum of the relative variance of a path over each half of the sampled pixels.
-    variance: [f64; 2],
-    /// Sampled pixels in each half.
-    sampled: [usize; 2],
+    /// Sum of the relative variance of a path over each fold of the sampled pixels.
+    variance: [f64; FOLDS],
+    /// Sampled pixels in each fold.
+    sampled: [usize; FOLDS],
+    /// Paths of a sampled pixel in each scramble.
+    paths: u32,
     /// Sum of the cost of a path over the sampled pixels.
     cost: f64,
     /// Sum of the mean luminance over the sampled pixels, without emission that the camera sees directly.
@@ -90,19 +94,21 @@ struct Survey {
 }
 
 impl Survey {
-    /// Relative variance of a path, by one half of the sampled pixels.
-    fn variance(&self, half: usize) -> f64 {
-        self.variance[half] / self.sampled[half].max(1) as f64
+    /// Relative variance of a path, by the sampled pixels of some folds.
+    fn variance(&self, is_in: impl Fn(usize) -> bool) -> f64 {
+        let add = |(sum, n), fold: usize| (sum + self.variance[fold], n + self.sampled[fold]);
+        let (sum, n) = (0..FOLDS).filter(|fold| is_in(*fold)).fold((0.0, 0), add);
+        sum / n.max(1) as f64
     }
 
-    /// Relative variance of a path, by all sampled pixels.
-    fn both(&self) -> f64 {
-        0.5 * (self.variance(0) + self.variance(1))
+    /// The same, by all sampled pixels.
+    fn by_all(&self) -> f64 {
+        self.variance(|_| true)
     }
 
     /// Number of sampled pixels.
     fn all_sampled(&self) -> f64 {
-        (self.sampled[0] + self.sampled[1]) as f64
+        self.sampled.iter().sum::<usize>() as f64
     }
 
     /// Cost of a path, > 0: each has a camera ray.
@@ -113,18 +119,6 @@ impl Survey {
     /// Mean luminance over the sampled pixels, without emission that the camera sees directly.
     fn mean_scattered(&self) -> f64 {
         self.scattered / self.all_sampled().max(1.0)
-    }
-
-    /// Both of the same tile.
-    fn plus(&self, more: &Self) -> Self {
-        Self {
-            pixels: self.pixels,
-            variance: [0, 1].map(|half| self.variance[half] + more.variance[half]),
-            sampled: [0, 1].map(|half| self.sampled[half] + more.sampled[half]),
-            cost: self.cost + more.cost,
-            scattered: self.scattered + more.scattered,
-            ..*self
-        }
     }
 
     /// Cost of a path with its camera rays for emission.
@@ -150,15 +144,14 @@ impl Allocation {
         let visible = (!settings.transparent)
             .then(|| VisibleEmission::new(transport, [settings.width, settings.height], stop))
             .flatten();
-        let step = |sampled: Range<usize>| -> Option<Vec<Survey>> {
+        let step = |sampled: usize, paths: u32| -> Option<Vec<Survey>> {
             let of_tile = |tile| {
                 let at = [tile % columns, tile / columns];
-                let survey = |wave: &mut Wave| survey(wave, transport, settings, visible.as_ref(), at, sampled.clone());
+                let survey = |wave: &mut Wave| survey(wave, transport, settings, visible.as_ref(), at, sampled, paths);
                 (!stop.load(Ordering::Relaxed) && !is_late()).then(|| with_buffers(|buffers| survey(buffers.wave())))
             };
             (0..columns * rows).into_par_iter().map(of_tile).collect()
         };
-        let all = pixels_per_tile(settings);
         let of = |mut surveys: Vec<Survey>| {
             let visible = visible.as_ref().map(|visible| Visible { visible, settings, columns });
             let emission_rays = visible.and_then(|visible| visible.choose(&mut surveys));
@@ -166,14 +159,13 @@ impl Allocation {
             let stats = TechniqueStats { seconds: began.elapsed().as_secs_f64(), ..stats };
             (Self { doublings, columns, emission_rays, stats }, by_counts)
         };
-        let first = step(0..FIRST_ALLOCATION_PIXELS_PER_TILE)?;
-        let (found, by_counts) = of(first.clone());
+        let [few, more] = PATHS_PER_SCRAMBLE;
+        let (found, by_counts) = of(step(FIRST_ALLOCATION_PIXELS_PER_TILE, few)?);
         debug!("the first step of the allocation leaves {by_counts:.3}");
         if settings.techniques[Technique::Adaptive] == Choice::Auto && by_counts > MAX_REMAINING_PROMISING {
             return Some(found);
         }
-        let more = step(FIRST_ALLOCATION_PIXELS_PER_TILE..all)?;
-        Some(of(first.iter().zip(&more).map(|(first, more)| first.plus(more)).collect()).0)
+        Some(of(step(pixels_per_tile(settings), more)?).0)
     }
 
     /// Paths per pixel of a tile, where the mean over all tiles is `mean`.
@@ -213,11 +205,12 @@ impl Allocation {
     }
 }
 
-/// Sampled pixels of a whole tile.
+/// Sampled pixels of a whole tile in the second step.
 fn pixels_per_tile(settings: &RenderSettings) -> usize {
     let tiles = settings.width.div_ceil(TILE) as usize * settings.height.div_ceil(TILE) as usize;
-    let few = settings.spp.map_or(ALLOCATION_PIXELS_PER_TILE[1], |spp| spp as usize).max(ALLOCATION_PIXELS_PER_TILE[0]);
-    (MAX_ALLOCATION_PIXELS / tiles).clamp(ALLOCATION_PIXELS_PER_TILE[0], ALLOCATION_PIXELS_PER_TILE[1]).min(few)
+    let [least, most] = ALLOCATION_PIXELS_PER_TILE;
+    let [fewest, many] = ALLOCATION_PIXELS.map(|pixels| (pixels / tiles).clamp(least, most));
+    settings.spp.map_or(many, |spp| many.min(spp as usize).max(fewest))
 }
 
 /// Traces some of the pixels of a tile's pre-pass, of which there are at most as many as half of its pixels.
@@ -227,18 +220,15 @@ fn survey(
     settings: &RenderSettings,
     visible: Option<&VisibleEmission>,
     [column, row]: [u32; 2],
-    sampled: Range<usize>,
+    sampled: usize,
+    paths: u32,
 ) -> Survey {
     let (x0, y0) = (column * TILE, row * TILE);
     let (width, height) = (TILE.min(settings.width - x0), TILE.min(settings.height - y0));
     let pixels = (width * height) as usize;
-    let [begin, end] = [sampled.start, sampled.end].map(|n| n.min(pixels.div_ceil(2)));
-    let counts = transport.half(PATHS_PER_SCRAMBLE);
-    if begin == end {
-        return Survey { pixels: pixels as f64, ..Default::default() };
-    }
+    let counts = transport.half(paths);
     // 97 is prime, and no tile has a side of that: no pixel comes twice.
-    let mut places: Vec<_> = (begin..end).map(|i| (i * 97 % pixels) as u32).collect();
+    let mut places: Vec<_> = (0..sampled.min(pixels.div_ceil(2))).map(|i| (i * 97 % pixels) as u32).collect();
     places.sort_unstable();
     let place = |i: u32| [x0 + i % width, y0 + i / width];
     let tasks: Vec<_> = places.into_iter().map(|i| PixelTask::first(place(i), counts, 0)).collect();
@@ -247,27 +237,25 @@ fn survey(
         let transport = Transport { seed: hash(settings.seed ^ hash(0x616c_6c6f + scramble)), ..transport.clone() };
         let mut sums = vec![Vec3::ZERO; tasks.len()];
         wave.run(&transport, &tasks, &mut ScatteredSums(&mut sums));
-        sums.into_iter().map(|sum| sum / PATHS_PER_SCRAMBLE as f32).collect::<Vec<_>>()
+        sums.into_iter().map(|sum| sum / paths as f32).collect::<Vec<_>>()
     });
-    let (mut variance, mut scattered) = ([0.0; 2], 0.0);
+    let n = tasks.len();
+    let mean = a.iter().chain(&b).filter(|color| color.is_finite()).sum::<Vec3>() / (2 * n) as f32;
+    let mut variance = [0.0; FOLDS];
     for (i, (a, b)) in a.iter().zip(&b).enumerate() {
         let emitted = visible.map_or(0.0, |visible| visible.at([tasks[i].x, tasks[i].y]).mean);
-        let of = |c: usize| {
-            let (a, b) = (f64::from(a[c]), f64::from(b[c]));
-            (a - b) * (a - b) / (2.0 * relative_to(0.5 * (a + b) + emitted))
-        };
-        let mean = f64::from(luminance(0.5 * (*a + *b)));
-        scattered += if mean.is_finite() { mean.max(0.0) } else { 0.0 };
-        let own = f64::from(PATHS_PER_SCRAMBLE) * (of(0) + of(1) + of(2)) / 3.0;
-        variance[i % 2] += if own.is_finite() { own } else { 0.0 };
+        let found = 0.5 * (*a + *b);
+        let of = |c: usize| f64::from(a[c] - b[c]).powi(2) / (2.0 * relative_to(f64::from(found[c]) + emitted));
+        let own = f64::from(paths) * (of(0) + of(1) + of(2)) / 3.0;
+        variance[i % FOLDS] += if own.is_finite() { own } else { 0.0 };
     }
-    let n = tasks.len();
     Survey {
         pixels: pixels as f64,
         variance,
-        sampled: [n.div_ceil(2), n / 2],
-        cost: effort::cost(&wave.counts) / f64::from(2 * PATHS_PER_SCRAMBLE),
-        scattered,
+        sampled: std::array::from_fn(|fold| (n + FOLDS - 1 - fold) / FOLDS),
+        paths,
+        cost: effort::cost(&wave.counts) / f64::from(2 * paths),
+        scattered: n as f64 * f64::from(luminance(mean).max(0.0)),
         ..Default::default()
     }
 }
@@ -287,7 +275,7 @@ impl Visible<'_> {
         // The price falls as rays reduce the variance.
         let mut price = 0.0;
         for _ in 0..PRICE_STEPS {
-            let variance = sum(surveys, |s| s.both() + s.visible[1]);
+            let variance = sum(surveys, |s| s.by_all() + s.visible[1]);
             price = CAMERA_RAY_COST * variance / sum(surveys, Survey::cost_with_emission_rays);
             self.complete(surveys, price);
         }
@@ -328,7 +316,7 @@ fn sum(surveys: &[Survey], of: impl Fn(&Survey) -> f64) -> f64 {
 
 /// Error times cost with the camera rays for emission, over that without.
 fn remaining_by_emission_rays(surveys: &[Survey]) -> f64 {
-    let [without, with] = [0, 1].map(|i| sum(surveys, |s| s.both() + s.visible[i]));
+    let [without, with] = [0, 1].map(|i| sum(surveys, |s| s.by_all() + s.visible[i]));
     let error = if without > 0.0 { with / without } else { 1.0 };
     error * sum(surveys, Survey::cost_with_emission_rays) / sum(surveys, Survey::cost)
 }
@@ -344,28 +332,24 @@ struct Allocated {
     stats: TechniqueStats,
 }
 
-/// Allocates paths to tiles, and estimates the efficiency: an allocation by one half of the pixels is judged by the variance of
-/// the other half.
+/// Allocates paths to tiles, and estimates the efficiency.
 fn allocated(surveys: &[Survey], columns: usize) -> Allocated {
-    let variances = |of: &dyn Fn(&Survey) -> f64| surveys.iter().map(of).collect::<Vec<_>>();
-    let halves = [variances(&|s| s.variance(0)), variances(&|s| s.variance(1))];
-    let both = variances(&Survey::both);
+    let by = |of: &dyn Fn(&Survey) -> f64| {
+        doublings(surveys, &smoothed(surveys, &surveys.iter().map(of).collect::<Vec<_>>(), columns))
+    };
     let factor = |doubled: &i32| f64::exp2(f64::from(*doubled));
-    let by_counts = [(0, 1), (1, 0)].map(|(ours, theirs)| {
-        let found = doublings(surveys, &smoothed(surveys, &halves[ours], columns));
-        let (mut error, mut cost) = ([0.0; 2], [0.0; 2]);
-        for ((s, variance), factor) in surveys.iter().zip(&halves[theirs]).zip(found.iter().map(factor)) {
-            let [v, c] = [s.pixels * (variance + s.visible[1]), s.pixels * s.cost_with_emission_rays()];
+    let (mut error, mut cost) = ([0.0; 2], [0.0; 2]);
+    for fold in 0..FOLDS {
+        let found = by(&|s| s.variance(|other| other != fold));
+        for (s, factor) in surveys.iter().zip(found.iter().map(factor)) {
+            let variance = s.variance(|own| own == fold) + s.visible[1];
+            let [v, c] = [s.pixels * variance, s.pixels * s.cost_with_emission_rays()];
             error = [error[0] + v / factor, error[1] + v];
             cost = [cost[0] + c * factor, cost[1] + c];
         }
-        if error[1] > 0.0 { error[0] / error[1] * cost[0] / cost[1] } else { 1.0 }
-    });
-    let by_counts = (by_counts[0] * by_counts[1]).sqrt();
-    let found = match by_counts < MAX_REMAINING_ALLOCATED {
-        true => doublings(surveys, &smoothed(surveys, &both, columns)),
-        false => vec![0; surveys.len()],
-    };
+    }
+    let by_counts = if error[1] > 0.0 { error[0] / error[1] * cost[0] / cost[1] } else { 1.0 };
+    let found = if by_counts < MAX_REMAINING_ALLOCATED { by(&Survey::by_all) } else { vec![0; surveys.len()] };
     let range = found.iter().map(factor).fold([1.0; 2], |[low, high]: [f64; 2], f| [low.min(f), high.max(f)]);
     let emission_rays = sum(surveys, |s| s.emission_rays) / sum(surveys, |_| 1.0);
     let by_rays = remaining_by_emission_rays(surveys);
@@ -390,8 +374,8 @@ fn smoothed(surveys: &[Survey], variance: &[f64], columns: usize) -> Vec<f64> {
         let (column, row) = (i % columns, i / columns);
         let around = || near(row, rows).flat_map(|r| near(column, columns).map(move |c| r * columns + c));
         let mean = around().map(|j| variance[j]).sum::<f64>() / around().count() as f64;
-        let sampled = surveys[i].all_sampled();
-        let trust = sampled / (sampled + SMOOTHING_PIXELS);
+        let sampled = surveys[i].all_sampled() * f64::from(surveys[i].paths);
+        let trust = sampled / (sampled + SMOOTHING_PATHS);
         trust * variance[i] + (1.0 - trust) * mean + surveys[i].visible[1]
     };
     (0..surveys.len()).map(of).collect()
@@ -425,11 +409,12 @@ fn doublings(surveys: &[Survey], variance: &[f64]) -> Vec<i32> {
 mod tests {
     use super::*;
 
-    fn tile(variance: [f64; 2], cost: f64) -> Survey {
+    fn tile(variance: [f64; FOLDS], cost: f64) -> Survey {
         Survey {
             pixels: 256.0,
-            variance: variance.map(|v| 64.0 * v),
-            sampled: [64; 2],
+            variance: variance.map(|v| 32.0 * v),
+            sampled: [32; FOLDS],
+            paths: 4,
             cost: 128.0 * cost,
             ..Default::default()
         }
@@ -437,23 +422,24 @@ mod tests {
 
     #[test]
     fn paths_double_where_that_takes_most_error_away() {
-        let surveys = [1.0, 1.0, 16.0, 0.0625].map(|cost| tile([1.0; 2], cost));
+        let surveys = [1.0, 1.0, 16.0, 0.0625].map(|cost| tile([1.0; FOLDS], cost));
         assert_eq!(doublings(&surveys, &[1.0, 16.0, 16.0, 1.0]), [-1, 1, -1, 0]);
         // As many as it may have, and what is left to the others.
-        let many = [tile([1.0; 2], 1.0); 8];
+        let many = [tile([1.0; FOLDS], 1.0); 8];
         assert_eq!(doublings(&many, &[1e-9, 1e-9, 1.0, 1e-9, 1e-9, 1e-9, 1e-9, 1e-9]), [0, -1, 2, -1, -1, -1, -1, -1]);
         assert_eq!(doublings(&many, &[3.0; 8]), [0; 8]);
     }
 
     #[test]
-    fn tiles_are_alike_where_the_halves_do_not_agree_that_they_differ() {
-        let even = [[1.0, 100.0], [100.0, 1.0], [1.0, 100.0], [100.0, 1.0]].map(|variance| tile(variance, 1.0));
+    fn tiles_are_alike_where_no_fold_confirms_that_they_differ() {
+        let bright = |fold: usize| std::array::from_fn(|i| if i == fold { 100.0 } else { 1.0 });
+        let even = [0, 1, 2, 3, 0, 1, 2, 3].map(|fold| tile(bright(fold), 1.0));
         let Allocated { doublings: found, stats, .. } = allocated(&even, 1);
-        assert!(found == [0; 4] && stats.remaining > Some(1.0) && !stats.on, "{found:?} {stats:?}");
-        let differ = [tile([1.0, 1.1], 1.0), tile([1.0, 0.9], 1.0), tile([36.0, 33.0], 1.0), tile([36.0, 40.0], 1.0)];
+        assert!(found == [0; 8] && stats.remaining > Some(1.0) && !stats.on, "{found:?} {stats:?}");
+        let differ = [[1.0, 1.1], [1.0, 0.9], [36.0, 33.0], [36.0, 40.0]].map(|[a, b]| tile([a, b, a, b], 1.0));
         let Allocated { doublings: found, stats, .. } = allocated(&differ, 1);
         assert!(found == [-1, -1, 0, 1] && stats.remaining < Some(0.8) && stats.on, "{found:?} {stats:?}");
-        let Allocated { doublings: black, stats, .. } = allocated(&[tile([0.0; 2], 1.0); 4], 2);
+        let Allocated { doublings: black, stats, .. } = allocated(&[tile([0.0; FOLDS], 1.0); 4], 2);
         assert!(black == [0; 4] && stats.remaining == Some(1.0));
     }
 }

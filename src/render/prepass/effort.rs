@@ -27,11 +27,11 @@ pub const COMPENSATION: Resolution = Resolution { divisor: 32.0, range: [64.0, 1
 pub const LEARNED_LIGHTS: Resolution = Resolution { divisor: 8.0, range: [64.0, 8192.0] };
 /// Resolution for guiding.
 pub const GUIDING: Resolution = Resolution { divisor: 16.0, range: [8192.0, f64::INFINITY] };
-/// Maximum pixels of a picture in the allocation's pre-pass, and the minimum and maximum of a tile. The pre-pass takes at most a
-/// thirty-second of the picture's paths.
-pub const MAX_ALLOCATION_PIXELS: usize = 1 << 14;
-/// See [`MAX_ALLOCATION_PIXELS`].
-pub const ALLOCATION_PIXELS_PER_TILE: [usize; 2] = [32, 128];
+/// Minimum and maximum pixels of a picture in the second step of the allocation's pre-pass, within those of a tile. It
+/// takes at most a sixteenth of the paths, but of pictures of less than 64 tiles.
+pub const ALLOCATION_PIXELS: [usize; 2] = [1 << 10, 1 << 13];
+/// Minimum and maximum pixels of a tile in that step.
+pub const ALLOCATION_PIXELS_PER_TILE: [usize; 2] = [16, 64];
 /// Sampled pixels of a tile in the allocation's first step. With `auto` there is a second step only where the first is promising
 /// ([`MAX_REMAINING_PROMISING`]).
 pub const FIRST_ALLOCATION_PIXELS_PER_TILE: usize = 12;
