@@ -66,6 +66,8 @@ def test_a_scene_that_vanishes_between_renders_is_not_missed(scenes, tmp_path):
 
 
 def test_ctrl_c_gives_what_there_is(cornell, tmp_path):
+    # What a shell starts in the background ignores it.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     # Later again while nothing is rendered yet.
     for delay in (0.5, 2, 8, 32):
         threading.Timer(delay, os.kill, (os.getpid(), signal.SIGINT)).start()
