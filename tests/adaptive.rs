@@ -31,7 +31,7 @@ fn floors() -> Arc<Scene> {
 /// With a seed whose estimate sees that the tiles of `floors` differ, as that of most seeds does.
 fn settings() -> RenderSettings {
     RenderSettings {
-        seed: 2,
+        seed: 4,
         width: 96,
         height: 64,
         spp: Some(32),
@@ -87,12 +87,12 @@ fn what_pixels_of_a_tile_are_dealt_depends_on_nothing_but_the_picture() {
     let saved = Saved { tiles, stats: half.stats, goals: half.goals };
     assert!(saved.has_passes_of(&settings(256)));
     assert_eq!(packed(&on(2, &settings(256), Some(saved))), packed(&whole));
-    // Any number of paths goes on, to the mean that each tile should have, or has already.
+    // Any number of paths goes on, to the mean that it should have.
     let odd = on(2, &settings(50), None);
     let saved = Saved { tiles: odd.tiles, stats: odd.stats, goals: odd.goals };
     let more = on(2, &settings(77), Some(saved));
     assert!(more.tiles.iter().all(|tile| sum(tile) == tile.paths() * tile.pixels() as u32));
-    assert!((0.93..=1.1).contains(&paths(&more, 77)), "{}", more.stats.paths);
+    assert!((0.93..=1.0).contains(&paths(&more, 77)), "{}", more.stats.paths);
     let [crop, part] = [
         RenderSettings { crop: Some([13, 9, 50, 40]), ..settings(256) },
         RenderSettings { part: Some(Part { number: 2, of: 3 }), ..settings(256) },

@@ -82,9 +82,9 @@ struct Survey {
     sampled: [usize; FOLDS],
     /// Paths of a sampled pixel in each scramble.
     paths: u32,
-    /// Sum of the cost of a path over the sampled pixels.
+    /// Mean cost of a path over the sampled pixels, > 0: each has a camera ray.
     cost: f64,
-    /// Sum of the mean luminance over the sampled pixels, without emission that the camera sees directly.
+    /// Mean luminance over the sampled pixels, without emission that the camera sees directly.
     scattered: f64,
     /// Mean over all pixels of the relative variance of that emission, by the path's camera ray alone, and by as many rays as
     /// each pixel has.
@@ -106,24 +106,9 @@ impl Survey {
         self.variance(|_| true)
     }
 
-    /// Number of sampled pixels.
-    fn all_sampled(&self) -> f64 {
-        self.sampled.iter().sum::<usize>() as f64
-    }
-
-    /// Cost of a path, > 0: each has a camera ray.
-    fn cost(&self) -> f64 {
-        self.cost / self.all_sampled()
-    }
-
-    /// Mean luminance over the sampled pixels, without emission that the camera sees directly.
-    fn mean_scattered(&self) -> f64 {
-        self.scattered / self.all_sampled().max(1.0)
-    }
-
     /// Cost of a path with its camera rays for emission.
     fn cost_with_emission_rays(&self) -> f64 {
-        self.cost() + CAMERA_RAY_COST * self.emission_rays
+        self.cost + CAMERA_RAY_COST * self.emission_rays
     }
 }
 
@@ -254,8 +239,8 @@ fn survey(
         variance,
         sampled: std::array::from_fn(|fold| (n + FOLDS - 1 - fold) / FOLDS),
         paths,
-        cost: effort::cost(&wave.counts) / f64::from(2 * paths),
-        scattered: n as f64 * f64::from(luminance(mean).max(0.0)),
+        cost: effort::cost(&wave.counts) / (f64::from(2 * paths) * n as f64),
+        scattered: f64::from(luminance(mean).max(0.0)),
         ..Default::default()
     }
 }
@@ -286,7 +271,7 @@ impl Visible<'_> {
         let RenderSettings { width, height, .. } = *self.settings;
         let rays = (0..height).into_par_iter().flat_map_iter(|y| (0..width).map(move |x| [x, y])).map(|[x, y]| {
             let tile = (y / TILE * self.columns + x / TILE) as usize;
-            self.visible.at([x, y]).rays_per_path(surveys[tile].mean_scattered(), price) as u8
+            self.visible.at([x, y]).rays_per_path(surveys[tile].scattered, price) as u8
         });
         Some(EmissionRayCounts::new(width, rays.collect()))
     }
@@ -296,7 +281,7 @@ impl Visible<'_> {
         let RenderSettings { width, height, .. } = *self.settings;
         surveys.par_iter_mut().enumerate().for_each(|(tile, survey)| {
             let [x0, y0] = [tile as u32 % self.columns, tile as u32 / self.columns].map(|at| at * TILE);
-            let scattered = survey.mean_scattered();
+            let scattered = survey.scattered;
             (survey.visible, survey.emission_rays) = ([0.0; 2], 0.0);
             for at in (y0..height.min(y0 + TILE)).flat_map(|y| (x0..width.min(x0 + TILE)).map(move |x| [x, y])) {
                 let seen = self.visible.at(at);
@@ -318,7 +303,7 @@ fn sum(surveys: &[Survey], of: impl Fn(&Survey) -> f64) -> f64 {
 fn remaining_by_emission_rays(surveys: &[Survey]) -> f64 {
     let [without, with] = [0, 1].map(|i| sum(surveys, |s| s.by_all() + s.visible[i]));
     let error = if without > 0.0 { with / without } else { 1.0 };
-    error * sum(surveys, Survey::cost_with_emission_rays) / sum(surveys, Survey::cost)
+    error * sum(surveys, Survey::cost_with_emission_rays) / sum(surveys, |s| s.cost)
 }
 
 /// What [`allocated`] finds.
@@ -374,7 +359,7 @@ fn smoothed(surveys: &[Survey], variance: &[f64], columns: usize) -> Vec<f64> {
         let (column, row) = (i % columns, i / columns);
         let around = || near(row, rows).flat_map(|r| near(column, columns).map(move |c| r * columns + c));
         let mean = around().map(|j| variance[j]).sum::<f64>() / around().count() as f64;
-        let sampled = surveys[i].all_sampled() * f64::from(surveys[i].paths);
+        let sampled = surveys[i].sampled.iter().sum::<usize>() as f64 * f64::from(surveys[i].paths);
         let trust = sampled / (sampled + SMOOTHING_PATHS);
         trust * variance[i] + (1.0 - trust) * mean + surveys[i].visible[1]
     };
@@ -415,7 +400,7 @@ mod tests {
             variance: variance.map(|v| 32.0 * v),
             sampled: [32; FOLDS],
             paths: 4,
-            cost: 128.0 * cost,
+            cost,
             ..Default::default()
         }
     }
