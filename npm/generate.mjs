@@ -1,18 +1,17 @@
-// Makes npm/bismar/options.json and index.d.cts from what `bismar options` prints of the command line's flags.
-//   node npm/generate.mjs PROGRAM [--check]
+// Makes options.json and index.d.cts of the package `bismar` from what `bismar options` prints of the command line's flags.
+//   node npm/generate.mjs PROGRAM FOLDER
 import { execFileSync } from "node:child_process";
-import { readFileSync, writeFileSync } from "node:fs";
+import { writeFileSync } from "node:fs";
+import path from "node:path";
 
 // What names files besides the inputs, makes several pictures, or goes on from an earlier run is for the command line.
 const LEFT_OUT = "output frames turntable cameras preview stats tev replay-pixel progress json csv diff page".split(" ");
 const COMMANDS = ["render", "inspect", "compare", "look"];
 
-const [program, check] = process.argv.slice(2);
+const [program, folder] = process.argv.slice(2);
 const described = JSON.parse(execFileSync(program, ["options"], { encoding: "utf8" }));
 const kept = (option) => !LEFT_OUT.includes(option.flag) && option.heading !== "Interruption and parts";
-const commands = Object.fromEntries(
-  COMMANDS.filter((name) => name in described).map((name) => [name, described[name].filter(kept)]),
-);
+const commands = Object.fromEntries(COMMANDS.map((name) => [name, described[name].filter(kept)]));
 
 function type({ switch: isSwitch, number, choices, value }) {
   if (isSwitch) return "boolean";
@@ -77,7 +76,7 @@ export function compare(a: Input, b: Input, options?: CompareFlags & Abort): Pro
 /** A contact sheet of scenes, and what \`bismar look\` prints. */
 export function look(
   scenes: Input | readonly Input[],
-  options?: ${"look" in commands ? "LookFlags & " : ""}Abort,
+  options?: LookFlags & Abort,
 ): Promise<{ png: Uint8Array; report: any; warnings: string[] }>;
 
 /** The path of the program. Throws a BismarError where there is none for this platform. */
@@ -94,17 +93,7 @@ export class BismarError extends Error {
 }
 `;
 
-const files = { "options.json": `${table(commands)}\n`, "index.d.cts": types, "index.d.mts": 'export * from "./index.cjs";\n' };
-for (const [name, text] of Object.entries(files)) {
-  const file = new URL(`bismar/${name}`, import.meta.url);
-  if (check === undefined) writeFileSync(file, text);
-  else if (readFileSync(file, "utf8") !== text) throw new Error(`npm/bismar/${name} is not that of ${program}: node npm/generate.mjs ${program}`);
-}
-
-/** What index.cjs needs, an option a line. */
-function table(all) {
-  const row = ({ name, flag, switch: isSwitch, value, choices }) =>
-    JSON.stringify({ name, flag, switch: isSwitch, value, choices });
-  const rows = Object.entries(all).map(([name, options]) => `"${name}": [\n${options.map(row).join(",\n")}\n]`);
-  return `{\n${rows.join(",\n")}\n}`;
-}
+// Of every option what index.cjs needs.
+const needed = JSON.stringify(commands, [...COMMANDS, "name", "flag", "switch", "value", "choices"]);
+writeFileSync(path.join(folder, "options.json"), needed);
+writeFileSync(path.join(folder, "index.d.cts"), types);

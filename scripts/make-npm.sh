@@ -6,12 +6,12 @@ cd "$(dirname "$0")/.."
 program=${1:-target/release/bismar}
 scripts/setup.sh --npm
 [ -x "$program" ] || { echo "make build first" >&2; exit 64; }
-node npm/generate.mjs "$program" --check
 version=$("$program" -V | cut -d' ' -f2)
 out=target/npm
 rm -rf $out
 mkdir -p $out/bismar $out/linux-x64-gnu/bin
 cp -r npm/bismar/. $out/bismar
+node npm/generate.mjs "$program" $out/bismar
 cp npm/linux-x64-gnu/package.json $out/linux-x64-gnu
 cp docs/npm.md $out/bismar/README.md
 for package in bismar linux-x64-gnu; do

@@ -280,7 +280,6 @@ async function compare(a, b, { signal, ...options } = {}) {
 }
 
 async function look(scenes, { signal, ...options } = {}) {
-  if (COMMANDS.look === undefined) throw new BismarError("this version has no command look", 64);
   const given = flags("look", options);
   return run(signal, undefined, (folder) => {
     const sheet = path.join(folder, "sheet.png");
