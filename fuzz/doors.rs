@@ -15,6 +15,7 @@ use bismar::rays::Backend;
 use bismar::render::checkpoint::{Earlier, unpack};
 use bismar::render::{self, RenderSettings};
 use bismar::scene::import::{EnvironmentFile, ImportOptions, Imported, Pose, SceneFiles, Shutter};
+use serde_json::json;
 
 /// Takes bytes in as the program does, in a folder for its files; are they what they should be? Whatever comes of them but
 /// a panic, an abort, a hang or much memory is right.
@@ -56,16 +57,11 @@ pub fn scene(folder: &Path, bytes: &[u8]) -> bool {
     files.import(&ImportOptions::default()).is_ok()
 }
 
-/// Bytes before a stream of [`decoders`].
-pub const STREAM_HEAD: usize = 12;
-
 /// A stream alone, in a document that is made for it, so that no mutation is lost on the document: KTX2, meshopt or Draco. The
 /// head: which one, its kind (bits 0 and 1: meshopt's mode, or Draco's attribute; 2 and 3: the filter), a stride, a byte that
 /// means nothing, and the numbers of vertices and indices that the document claims, 32 bits each.
 pub fn decoders(folder: &Path, bytes: &[u8]) -> bool {
-    let Some((&[which, kind, stride, _, v0, v1, v2, v3, i0, i1, i2, i3], stream)) =
-        bytes.split_first_chunk::<STREAM_HEAD>()
-    else {
+    let Some((&[which, kind, stride, _, v0, v1, v2, v3, i0, i1, i2, i3], stream)) = bytes.split_first_chunk() else {
         return false;
     };
     let [vertices, indices] = [[v0, v1, v2, v3], [i0, i1, i2, i3]].map(u32::from_le_bytes);
@@ -74,64 +70,58 @@ pub fn decoders(folder: &Path, bytes: &[u8]) -> bool {
     let mut binary = stream.to_vec();
     binary.resize(triangle, 0);
     binary.extend([0.0_f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0].iter().flat_map(|x| x.to_le_bytes()));
-    let plain = format!(r#"{{"buffer":0,"byteOffset":{triangle},"byteLength":36}}"#);
-    let position = r#"{"bufferView":1,"componentType":5126,"count":3,"type":"VEC3"}"#;
-    let vertices_of = |view: &str| format!(r#"{{{view}"componentType":5126,"count":{vertices},"type":"VEC3"}}"#);
-    let indices_of = |view: &str| format!(r#"{{{view}"componentType":5123,"count":{indices},"type":"SCALAR"}}"#);
-    let whole = format!(r#"{{"buffer":0,"byteLength":{length}}}"#);
-    let (view, accessors, primitive, more) = match which % 3 {
-        0 => (
-            whole,
-            position.to_owned(),
-            r#""attributes":{"POSITION":0},"material":0"#.to_owned(),
-            r#","images":[{"bufferView":0,"mimeType":"image/ktx2"}],
-            "textures":[{"extensions":{"KHR_texture_basisu":{"source":0}}}],
-            "materials":[{"pbrMetallicRoughness":{"baseColorTexture":{"index":0}}}]"#
-                .to_owned(),
-        ),
+    let mut document = json!({
+        "asset": { "version": "2.0" },
+        "extensionsUsed": ["KHR_texture_basisu", "EXT_meshopt_compression", "KHR_draco_mesh_compression"],
+        "scenes": [{ "nodes": [0] }],
+        "nodes": [{ "mesh": 0 }],
+        "bufferViews": [
+            { "buffer": 0, "byteLength": length },
+            { "buffer": 0, "byteOffset": triangle, "byteLength": 36 },
+        ],
+        "buffers": [{ "byteLength": binary.len() }],
+    });
+    let plain = json!({ "bufferView": 1, "componentType": 5126, "count": 3, "type": "VEC3" });
+    let mut positions = json!({ "componentType": 5126, "count": vertices, "type": "VEC3" });
+    let mut corners = json!({ "componentType": 5123, "count": indices, "type": "SCALAR" });
+    let (accessors, primitive) = match which % 3 {
+        0 => {
+            document["images"] = json!([{ "bufferView": 0, "mimeType": "image/ktx2" }]);
+            document["textures"] = json!([{ "extensions": { "KHR_texture_basisu": { "source": 0 } } }]);
+            document["materials"] = json!([{ "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 } } }]);
+            (json!([plain]), json!({ "attributes": { "POSITION": 0 }, "material": 0 }))
+        }
         1 => {
             let mode = ["ATTRIBUTES", "TRIANGLES", "INDICES", "ATTRIBUTES"][usize::from(kind & 3)];
             let filter = ["NONE", "OCTAHEDRAL", "QUATERNION", "EXPONENTIAL"][usize::from(kind >> 2 & 3)];
-            let are_indices = mode != "ATTRIBUTES";
-            let count = if are_indices { indices } else { vertices };
+            let count = if mode == "ATTRIBUTES" { vertices } else { indices };
             let size = u64::from(count) * u64::from(stride);
-            let view = format!(
-                r#"{{"buffer":1,"byteLength":{size},"extensions":{{"EXT_meshopt_compression":{{"buffer":0,"byteOffset":0,
-                "byteLength":{length},"byteStride":{stride},"count":{count},"mode":"{mode}","filter":"{filter}"}}}}}}"#
-            );
-            let (accessors, primitive) = match are_indices {
-                true => (
-                    format!("{position},{}", indices_of(r#""bufferView":0,"#)),
-                    r#""attributes":{"POSITION":0},"indices":1"#,
-                ),
-                false => (vertices_of(r#""bufferView":0,"#), r#""attributes":{"POSITION":0}"#),
-            };
-            (view, accessors, primitive.to_owned(), format!(r#","fallback":{size}"#))
+            let packed = json!({ "buffer": 0, "byteOffset": 0, "byteLength": length, "byteStride": stride,
+                "count": count, "mode": mode, "filter": filter });
+            let packed = json!({ "EXT_meshopt_compression": packed });
+            document["bufferViews"][0] = json!({ "buffer": 1, "byteLength": size, "extensions": packed });
+            // Decoded streams are as if in a buffer that has no bytes.
+            let fallback = json!({ "EXT_meshopt_compression": { "fallback": true } });
+            let fallback = json!({ "byteLength": size, "extensions": fallback });
+            document["buffers"] = json!([{ "byteLength": binary.len() }, fallback]);
+            if mode == "ATTRIBUTES" {
+                positions["bufferView"] = 0.into();
+                (json!([positions]), json!({ "attributes": { "POSITION": 0 } }))
+            } else {
+                corners["bufferView"] = 0.into();
+                (json!([plain, corners]), json!({ "attributes": { "POSITION": 0 }, "indices": 1 }))
+            }
         }
-        _ => (
-            whole,
-            format!("{},{}", vertices_of(""), indices_of("")),
-            format!(
-                r#""attributes":{{"POSITION":0}},"indices":1,"extensions":{{"KHR_draco_mesh_compression":{{"bufferView":0,
-                "attributes":{{"POSITION":{}}}}}}}"#,
-                kind & 3
-            ),
-            String::new(),
-        ),
+        _ => {
+            let packed = json!({ "bufferView": 0, "attributes": { "POSITION": kind & 3 } });
+            let packed = json!({ "KHR_draco_mesh_compression": packed });
+            let primitive = json!({ "attributes": { "POSITION": 0 }, "indices": 1, "extensions": packed });
+            (json!([positions, corners]), primitive)
+        }
     };
-    // Decoded meshopt streams are as if in a buffer that has no bytes.
-    let fallback = more.strip_prefix(r#","fallback":"#).map_or(String::new(), |size| {
-        format!(r#",{{"byteLength":{size},"extensions":{{"EXT_meshopt_compression":{{"fallback":true}}}}}}"#)
-    });
-    let more = if fallback.is_empty() { more } else { String::new() };
-    let document = format!(
-        r#"{{"asset":{{"version":"2.0"}},"scenes":[{{"nodes":[0]}}],"nodes":[{{"mesh":0}}],
-        "extensionsUsed":["KHR_texture_basisu","EXT_meshopt_compression","KHR_draco_mesh_compression"],
-        "meshes":[{{"primitives":[{{{primitive}}}]}}],"accessors":[{accessors}],"bufferViews":[{view},{plain}],
-        "buffers":[{{"byteLength":{}}}{fallback}]{more}}}"#,
-        binary.len()
-    );
-    let mut text = document.into_bytes();
+    document["accessors"] = accessors;
+    document["meshes"] = json!([{ "primitives": [primitive] }]);
+    let mut text = document.to_string().into_bytes();
     text.resize(text.len().next_multiple_of(4), b' ');
     let mut file = b"glTF".to_vec();
     let total = 12 + 8 + text.len() + 8 + binary.len();
