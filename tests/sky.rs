@@ -1,4 +1,4 @@
-//! `--sunsky`: radiance of the sky and irradiance of its sun against those of Mitsuba 3.7's `sunsky`, which `lab/sky.py` prints.
+//! `--sunsky`: radiance of the sky and irradiance of its sun against those of Mitsuba 3.7's `sunsky`.
 
 use bismar::lanes::V3;
 use bismar::light::{Density, EnvironmentSampler};
