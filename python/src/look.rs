@@ -26,7 +26,7 @@ pub fn look(py: Python, scenes: Vec<PathBuf>, options: Vec<Flag>, threads: Optio
         let mut paths = Paths::default();
         Ok(Look { looked: in_memory::look(&options, &scenes, &mut paths, stop)?, paths })
     });
-    match (outcome.result, outcome.exception) {
+    match outcome {
         (_, Some(exception)) => Err(exception),
         (Ok(look), None) => Ok(look),
         (Err(error), None) => Err(errors::raise(py, &error)),

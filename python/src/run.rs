@@ -49,11 +49,10 @@ static DEFAULT_POOL: Mutex<Option<Arc<ThreadPool>>> = Mutex::new(None);
 
 /// A pool of `threads` threads; without a number the one that the whole process shares.
 pub fn pool(threads: Option<usize>) -> Result<Arc<ThreadPool>> {
+    check_process()?;
     if let Some(threads) = threads {
-        check_process()?;
         return host::pool(threads).map(Arc::new);
     }
-    check_process()?;
     let mut shared = DEFAULT_POOL.lock().unwrap_or_else(PoisonError::into_inner);
     if let Some(pool) = &*shared {
         return Ok(Arc::clone(pool));
@@ -86,39 +85,31 @@ fn guarded<T>(work: impl FnOnce() -> Result<T>) -> Result<T> {
 /// The work's error, and a panic, as exceptions.
 pub fn work<T: Send>(py: Python, on: Option<&ThreadPool>, work: impl FnOnce() -> Result<T> + Send) -> PyResult<T> {
     let done = py.detach(|| {
+        check_process()?;
         let shared;
         let on = match on {
-            Some(on) => check_process().map(|()| on)?,
+            Some(on) => on,
             None => {
                 shared = pool(None)?;
                 &*shared
             }
         };
-        match own_pool(on, false)? {
-            Some(own) => own.install(|| guarded(work)),
-            None => on.install(|| guarded(work)),
-        }
+        own_pool(on, false)?.as_ref().unwrap_or(on).install(|| guarded(work))
     });
     log::deliver(py)?;
     done.map_err(|error| errors::raise(py, &error))
 }
 
-/// What a render leaves: its result, and the exception of a signal handler or of the callback that stopped it.
-pub struct Outcome<T> {
-    pub result: Result<T>,
-    pub exception: Option<PyErr>,
-}
-
 /// Does work that can be stopped and reports progress. The calling thread sees signals and calls `callback` meanwhile; the
-/// work stops if a signal handler or the callback raises an exception, or the callback returns False. Work that `waits` for
-/// another callable has threads of its own.
+/// work stops if a signal handler or the callback raises an exception, which is returned beside the result, or the callback
+/// returns False. Work that `waits` for another callable has threads of its own.
 pub fn stoppable<T: Send>(
     py: Python,
     on: &ThreadPool,
     waits: bool,
     callback: Option<&Py<PyAny>>,
     work: impl FnOnce(&AtomicBool, &(dyn Fn(Progress) + Sync)) -> Result<T> + Send,
-) -> Outcome<T> {
+) -> (Result<T>, Option<PyErr>) {
     let (stop, latest) = (AtomicBool::new(false), Mutex::new(None));
     let look = |py: Python| -> PyResult<()> {
         py.check_signals()?;
@@ -133,17 +124,12 @@ pub fn stoppable<T: Send>(
         }
         Ok(())
     };
-    let (result, mut exception) = py.detach(|| {
-        if let Err(error) = check_process() {
-            return (Err(error), None);
-        }
-        let mut exception = None;
-        let own = match own_pool(on, waits) {
-            Ok(own) => own,
-            Err(error) => return (Err(error), None),
-        };
+    let mut exception = None;
+    let result = py.detach(|| {
+        check_process()?;
+        let own = own_pool(on, waits)?;
         let on = own.as_ref().unwrap_or(on);
-        let result = thread::scope(|scope| {
+        thread::scope(|scope| {
             let (done, ends) = channel();
             let progress = |p: Progress| *latest.lock().unwrap_or_else(PoisonError::into_inner) = Some(p);
             let stop = &stop;
@@ -168,14 +154,13 @@ pub fn stoppable<T: Send>(
                     }
                 }
             }
-        });
-        (result, exception)
+        })
     });
     // The last progress, and signals of the last moment.
     if exception.is_none() {
         exception = look(py).err();
     }
-    Outcome { result, exception }
+    (result, exception)
 }
 
 /// A value as JSON.

@@ -121,7 +121,7 @@ impl Scene {
         if let Some(exception) = raised.into_inner().unwrap_or_else(PoisonError::into_inner) {
             return Err(exception);
         }
-        match (outcome.result, outcome.exception) {
+        match outcome {
             (Ok(picture), exception) => Ok((Some(Picture(Arc::new(picture))), exception)),
             (Err(bismar::Error::Interrupted(_)), Some(exception)) => Ok((None, Some(exception))),
             (Err(error), _) => Err(errors::raise(py, &error)),
