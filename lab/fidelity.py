@@ -24,13 +24,15 @@ import sys
 from pathlib import Path
 from statistics import median
 
+import numpy
+import OpenImageIO
+
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "lab/fidelity.md"
 PATH_TRACERS = {"blender-cycles": "Cycles", "vray": "V-Ray", "stellar": "STELLAR", "three-gpu-pathtracer": "three-gpu-pathtracer"}
-RASTERISERS = {"gltf-sample-viewer": "Sample Viewer", "filament": "Filament"}
-PEERS = {**PATH_TRACERS, **RASTERISERS}
+PEERS = {**PATH_TRACERS, "gltf-sample-viewer": "Sample Viewer", "filament": "Filament"}
 FURTHEST = 10
-# Rows of the table, under two lines of heading; results.json has all.
+# Rows of the table; results.json has all.
 SHOWN = 8
 # What a scenario of the generator's config does not say.
 DEFAULTS = {"lighting": "lightroom_14b.hdr", "dimensions": {"width": 768, "height": 768}, "target": {"x": 0, "y": 0, "z": 0},
@@ -82,8 +84,6 @@ def find_environment(scenario, folders):
 
 def read(path):
     """A picture as rows x columns x RGBA from 0 to 1, colours times alpha; opaque if it has no alpha."""
-    import numpy
-    import OpenImageIO
     file = OpenImageIO.ImageInput.open(str(path))
     if not file:
         sys.exit(f"fidelity: {path}: {OpenImageIO.geterror()}")
@@ -95,8 +95,6 @@ def read(path):
 
 def write(path, pixels):
     """Writes rows x columns x RGB as an 8-bit PNG."""
-    import numpy
-    import OpenImageIO
     pixels = numpy.ascontiguousarray(pixels, dtype=numpy.float32)
     spec = OpenImageIO.ImageSpec(pixels.shape[1], pixels.shape[0], pixels.shape[2], "uint8")
     out = OpenImageIO.ImageOutput.create(str(path))
@@ -106,8 +104,6 @@ def write(path, pixels):
 
 def scaled(pixels, width, height):
     """A picture at another size, from 0 to 1."""
-    import numpy
-    import OpenImageIO
     if pixels.shape[:2] == (height, width):
         return pixels
     roi = OpenImageIO.ROI(0, width, 0, height, 0, 1, 0, pixels.shape[2])
@@ -122,7 +118,6 @@ def over_white(pixels):
 
 def overlap(ours, theirs):
     """Intersection over union of two alphas, soft: the sum of their minimum over that of their maximum; 1 if both are empty."""
-    import numpy
     union = float(numpy.maximum(ours, theirs).sum())
     return float(numpy.minimum(ours, theirs).sum()) / union if union else 1.0
 
@@ -182,7 +177,6 @@ class Suite:
         Another path tracer is compared with the mean of the *others*, since its own picture is in the mean of all. The overlap
         is with the median alpha of all, again without its own.
         """
-        import numpy
         flat = {name: over_white(pixels) for name, pixels in peers.items()}
         result = {"scenario": scenario["name"], "name": scenario["name"].removeprefix("khronos-"), "flip": {}, "overlap": {}}
         tracers = [name for name in flat if name in PATH_TRACERS]
@@ -231,22 +225,22 @@ class Suite:
         return rows, left_out
 
 
-def table(rows, key, digits):
-    """A table of one kind of distance, the worst first: a row per scenario, a column per renderer; marks what stands out."""
-    far = max if key == "flip" else min
-    rows = [row for row in rows if "bismar" in row[key]]
-    rows.sort(key=lambda row: (-1 if key == "flip" else 1) * row[key]["bismar"])
-    names = list(PEERS)
+def furthest(rows):
+    """Scenarios whose light can be compared, the furthest first."""
+    return sorted((row for row in rows if "bismar" in row["flip"]), key=lambda row: -row["flip"]["bismar"])
+
+
+def table(rows):
+    """FLIP by scenario and renderer; marks where Bismar is further than all path tracers."""
     lines = ["| scenario | Bismar | " + " | ".join(PEERS.values()) + " |", "| --- " * (len(PEERS) + 2) + "|"]
     for row in rows:
-        tracers = [row[key][name] for name in PATH_TRACERS if name in row[key]]
-        ours = row[key]["bismar"]
+        flip = row["flip"]
+        tracers = [flip[name] for name in PATH_TRACERS if name in flip]
         # One of the others has nothing to be compared with; two are compared with each other.
-        outside = bool(tracers) and ours != far(tracers) and far(ours, far(tracers)) == ours
-        cells = [f"**{ours:.{digits}f}**" if outside else f"{ours:.{digits}f}"]
-        cells += [f"{row[key][name]:.{digits}f}" if name in row[key] else "" for name in names]
+        mark = "**" if tracers and flip["bismar"] > max(tracers) else ""
+        cells = [f"{mark}{flip['bismar']:.3f}{mark}", *(f"{flip[name]:.3f}" if name in flip else "" for name in PEERS)]
         lines.append(f"| {row['name']} | " + " | ".join(cells) + " |")
-    return lines, rows
+    return lines
 
 
 def summary(rows, key, digits):
@@ -265,8 +259,7 @@ def summary(rows, key, digits):
 
 def tables(rows, left_out):
     """What the page has between its marks."""
-    light, _ = table(rows, "flip", 3)
-    made = {"fidelity-flip": [summary(rows, "flip", 3), "", *light[:SHOWN + 2]],
+    made = {"fidelity-flip": [summary(rows, "flip", 3), "", *table(furthest(rows)[:SHOWN])],
             "fidelity-silhouettes": [summary(rows, "overlap", 4)]}
     reasons = {}
     for name, why in left_out:
@@ -284,9 +277,8 @@ def put(text, name, content):
 
 def gallery(rows, out):
     """An HTML page of the scenarios furthest from the mean, side by side with the others."""
-    _, far = table(rows, "flip", 3)
     parts = ["<!doctype html><meta charset=utf-8><title>Fidelity</title><style>body{font-family:sans-serif}img{width:100%}</style>"]
-    for row in far[:FURTHEST]:
+    for row in furthest(rows)[:FURTHEST]:
         parts.append(f"<h2>{row['name']}: FLIP {row['flip']['bismar']:.3f}</h2><p>{', '.join(row['strip'])}</p>"
                      f"<img src=\"{row['scenario']}/strip.png\">")
     (out / "index.html").write_text("\n".join(parts))
