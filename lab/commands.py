@@ -3,6 +3,8 @@
 
     commands.py BINARY      exit code 1 if a command fails or a way has other bits
 
+Scenes are those of `scenes/` and one whose surfaces, lights and camera move, pictures have 32 to 128 pixels a side, flags are
+random values of all of `render` that change the picture. Each command is rendered plainly, and again in four of the ways.
 BISMAR_COMMANDS is their number (200), BISMAR_COMMAND the number of one to repeat. A new flag or AOV needs a line here.
 """
 
@@ -103,15 +105,13 @@ def window(chance, outer):
     return f"{x0},{y0},{x1},{y1}"
 
 
-def environment(threads):
-    """The environment of bismar, outside of any Slurm task."""
-    kept = {name: value for name, value in os.environ.items() if not name.startswith("SLURM_")}
-    return {**kept, "BISMAR_THREADS": str(threads)}
+# Of bismar, outside of any Slurm task.
+ENVIRONMENT = {**{name: value for name, value in os.environ.items() if not name.startswith("SLURM_")}, "BISMAR_THREADS": "2"}
 
 
-def on_all_cores(work, items):
-    with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
-        return list(pool.map(work, items))
+def end(code, said):
+    """What is wrong with how a program ended."""
+    return "" if code == 0 else f"exits with {code}: {said.strip()[-300:]}"
 
 
 def floats(values):
@@ -143,15 +143,6 @@ def box(scene, **more):
     return {"attributes": {"POSITION": vectors(scene, [x for p in BOX for x in p])}, "indices": indices(scene, SIDES), **more}
 
 
-def animate(scene, nodes, seconds=1.0):
-    """Every node moves up and down, on a curve of which no part is a line."""
-    time_of = scene.accessor(floats([0, seconds]), "SCALAR", min=[0], max=[seconds])
-    # Of each key: the tangent before it, the value, and the tangent after it.
-    value = vectors(scene, [0] * 9 + [0, -9, 0, 0, 1, 0, 0, -9, 0])
-    scene.json["animations"] = [{"samplers": [{"input": time_of, "output": value, "interpolation": "CUBICSPLINE"}],
-                                 "channels": [{"sampler": 0, "target": {"node": n, "path": "translation"}} for n in nodes]}]
-
-
 def moving(path):
     """A box of glass, one of metal, lamps and the camera move over a floor; two variants of its material."""
     scene = Glb()
@@ -172,8 +163,12 @@ def moving(path):
         movers.append(scene.node(shown=False, scale=[.1, .9, .1] if what.get("mesh") == bulb else [1, 1, 1], **what))
         scene.node(children=[movers[-1]], translation=place, rotation=[-.1, 0, 0, .995])
     scene.node(translation=[2, 4, 0], rotation=[-.7, 0, 0, .7], extensions={"KHR_lights_punctual": {"light": 1}})
-    animate(scene, movers, 1.2)
-    scene.json.update(cameras=[{"type": "perspective", "perspective": {"yfov": .8, "znear": .1}}],
+    # Up and down, on a curve of which no part is a line; of each key the tangent before it, the value, the tangent after it.
+    seconds = scene.accessor(floats([0, 1.2]), "SCALAR", min=[0], max=[1.2])
+    places = vectors(scene, [0] * 9 + [0, -9, 0, 0, 1, 0, 0, -9, 0])
+    scene.json.update(animations=[{"samplers": [{"input": seconds, "output": places, "interpolation": "CUBICSPLINE"}],
+                                   "channels": [{"sampler": 0, "target": {"node": n, "path": "translation"}} for n in movers]}],
+                      cameras=[{"type": "perspective", "perspective": {"yfov": .8, "znear": .1}}],
                       extensionsUsed=["KHR_lights_punctual", "KHR_materials_transmission", "KHR_materials_variants",
                                       "KHR_materials_volume"],
                       extensions={"KHR_lights_punctual": {"lights": lights},
@@ -248,7 +243,7 @@ class Command:
         return " ".join(self.line("out.exr")).replace(f"{ROOT}/", "").replace(f"{self.scene.parent}/", "")
 
     def start(self, words):
-        return subprocess.Popen([self.bismar, *words], cwd=self.folder, env=environment(2), stdout=subprocess.PIPE,
+        return subprocess.Popen([self.bismar, *words], cwd=self.folder, env=ENVIRONMENT, stdout=subprocess.PIPE,
                                 stderr=subprocess.PIPE, text=True, errors="replace")
 
     def run(self, words):
@@ -263,8 +258,7 @@ class Command:
             return None, "hangs"
 
     def ended(self, words):
-        code, said = self.run(words)
-        return "" if code == 0 else f"exits with {code}: {said.strip()[-300:]}"
+        return end(*self.run(words))
 
     def same(self, output="way.exr"):
         return difference(self.folder / output, self.folder / "plain.exr")
@@ -274,9 +268,9 @@ class Command:
         if number == signal.SIGKILL or self.chance.random() < 0.5:
             more.update(checkpoint=0.02, keep=self.chance.choice([None, 2]))
         words = self.line(output, resume=True, progress="json", **more)
+        file = self.folder / output
+        saved = lambda: file.stat().st_mtime_ns if file.exists() else None
         for _ in range(3):
-            file, before = self.folder / output, None
-            saved = lambda: file.stat().st_mtime_ns if file.exists() else None
             before = saved()
             process = self.start([*words, f"--threads={self.chance.choice([1, 2, 3])}"])
             if number == signal.SIGKILL:
@@ -292,7 +286,7 @@ class Command:
             if process.returncode == 0:
                 break
             if process.returncode != (-9 if number == signal.SIGKILL else 75):
-                return f"exits with {process.returncode}: {said.strip()[-300:]}"
+                return end(process.returncode, said)
             self.hits += 1
         return self.ended([*words, "--quiet"])
 
@@ -347,8 +341,8 @@ class Command:
         first = self.chance.choice([*range(128, goal, 128)] * 2 + [n for n in (8, 32, 64, 100) if n < goal] or [1])
         wrong = self.ended(self.line("way.exr", spp=first, checkpoint=60))
         code, said = self.run(self.line("way.exr", checkpoint=60, resume=True))
-        if wrong or code != 0:
-            return wrong or f"exits with {code}: {said.strip()[-300:]}"
+        if wrong := wrong or end(code, said):
+            return wrong
         off = self.flags.get("guiding", "off" if "balance" in self.flags else "auto") == "off"
         promised = off and first % 128 == 0 and "noise" not in self.flags
         # A noise that was reached before is the end of it.
@@ -366,67 +360,63 @@ class Command:
         return rare + self.chance.sample([way for way in WAYS if way not in fit], 4 - len(rare))
 
 
-def commands(bismar, folder):
-    """Random commands: scenes of `scenes/` and one whose surfaces, lights and camera move, pictures of 32 to 128 pixels a side,
-    random values of all flags of `render` that change the picture. Each is rendered plainly, and again in four ways, which
-    must have the same bits in every channel."""
-    listed = flags_of(bismar)
-    own = folder / "moving.glb"
-    moving(own)
-    count = int(os.environ.get("BISMAR_COMMANDS", 200))
-    only = os.environ.get("BISMAR_COMMAND")
-
-    def attempt(number):
-        chance, refused, place = random.Random(f"command {number}"), 0, folder / str(number)
-        while True:
-            place.mkdir()
-            command = Command(bismar, place, *draw(chance, listed, own), random.Random(number))
-            began = time.monotonic()
-            code, said = command.run(command.line("plain.exr"))
-            command.seconds = time.monotonic() - began
-            if code != 64:
-                break
-            refused += 1
-            if only:
-                print(f"refused: {command.shown()}\n{said}")
-            shutil.rmtree(place)
-        ends = {"plain": "" if code == 0 else f"exits with {code}: {said.strip()[-300:]}"}
-        hits = {}
-        for way in command.ways() if code == 0 else []:
-            command.hits = command.others = 0
-            ends[way] = getattr(command, way)()
-            hits[way] = command.hits, command.others
-            for path in place.glob("way*"):
-                path.unlink()
-        for way, wrong in ends.items():
-            if wrong:
-                print(f"command {number}, {way}: {wrong}\n  {command.shown()}", flush=True)
+def attempt(bismar, folder, listed, own, number):
+    """The command of a number: itself, how many were refused before it, what is wrong by way, and of the ways how many signals
+    took effect and how many pictures were not compared."""
+    chance, refused, place = random.Random(f"command {number}"), 0, folder / str(number)
+    while True:
+        place.mkdir()
+        command = Command(bismar, place, *draw(chance, listed, own), random.Random(number))
+        began = time.monotonic()
+        code, said = command.run(command.line("plain.exr"))
+        command.seconds = time.monotonic() - began
+        if code != 64:
+            break
+        refused += 1
+        if "BISMAR_COMMAND" in os.environ:
+            print(f"refused: {command.shown()}\n{said}")
         shutil.rmtree(place)
-        return number, command, refused, ends, hits
-
-    found = on_all_cores(attempt, [int(only)] if only else range(count))
-    failed = lambda way: [f"{n}: `{c.shown()}`: {ends[way]}" for n, c, _, ends, _ in found if ends.get(way)]
-    given = {flag for _, command, *_ in found for flag in command.flags}
-    rows = [("commands: any other end than a picture", len(found), len(failed("plain")),
-             f"{sum(refused for _, _, refused, *_ in found)} more were refused as wrong usage; "
-             f"{len(given)} of {len(VALUES)} flags; {sum(len(c.flags) for _, c, *_ in found) / len(found):.1f} a command"
-             + "".join(f"; {text}" for text in failed("plain")))]
-    for way, what in WAYS.items():
-        ended, others = (sum(hits.get(way, (0, 0))[i] for *_, hits in found) for i in range(2))
-        remarks = [f"{ended} signals took effect"] * (ended > 0) + [f"{others} more were not compared"] * (others > 0)
-        rows.append((f"{what}: other bits", sum(way in ends for *_, ends, _ in found) - others, len(failed(way)),
-                     "; ".join(remarks + failed(way))))
-    return rows
+    ends, hits = {"plain": end(code, said)}, {}
+    for way in command.ways() if code == 0 else []:
+        command.hits = command.others = 0
+        ends[way] = getattr(command, way)()
+        hits[way] = command.hits, command.others
+        for path in place.glob("way*"):
+            path.unlink()
+    for way, wrong in ends.items():
+        if wrong:
+            print(f"command {number}, {way}: {wrong}\n  {command.shown()}", flush=True)
+    shutil.rmtree(place)
+    return number, command, refused, ends, hits
 
 
 def main():
     if len(sys.argv) != 2:
         sys.exit(__doc__)
-    with tempfile.TemporaryDirectory() as folder:
-        rows = commands(str(Path(sys.argv[1]).resolve()), Path(folder))
-    for what, tries, failures, remark in rows:
-        print(f"{what}: {failures} of {tries} {remark}", flush=True)
-    sys.exit(any(failures for _, _, failures, _ in rows))
+    bismar = str(Path(sys.argv[1]).resolve())
+    listed = flags_of(bismar)
+    only = os.environ.get("BISMAR_COMMAND")
+    numbers = [int(only)] if only else range(int(os.environ.get("BISMAR_COMMANDS", 200)))
+    with tempfile.TemporaryDirectory() as name, concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
+        folder = Path(name)
+        own = folder / "moving.glb"
+        moving(own)
+        found = list(pool.map(lambda number: attempt(bismar, folder, listed, own, number), numbers))
+
+    def report(what, tries, way, *remarks):
+        failed = [f"{n}: `{c.shown()}`: {ends[way]}" for n, c, _, ends, _ in found if ends.get(way)]
+        print(f"{what}: {len(failed)} of {tries} {'; '.join([*remarks, *failed])}", flush=True)
+
+    given = {flag for _, command, *_ in found for flag in command.flags}
+    report("commands: any other end than a picture", len(found), "plain",
+           f"{sum(refused for _, _, refused, *_ in found)} more were refused as wrong usage",
+           f"{len(given)} of {len(VALUES)} flags",
+           f"{sum(len(c.flags) for _, c, *_ in found) / len(found):.1f} a command")
+    for way, what in WAYS.items():
+        ended, others = (sum(hits.get(way, (0, 0))[i] for *_, hits in found) for i in range(2))
+        remarks = [f"{ended} signals took effect"] * (ended > 0) + [f"{others} more were not compared"] * (others > 0)
+        report(f"{what}: other bits", sum(way in ends for *_, ends, _ in found) - others, way, *remarks)
+    sys.exit(any(wrong for *_, ends, _ in found for wrong in ends.values()))
 
 
 if __name__ == "__main__":
