@@ -1,11 +1,11 @@
 //! Log events of the library, handed to Python's `logging` under the name `bismar`.
 
-use std::fmt::{Debug, Write};
+use std::fmt::Debug;
 use std::mem::take;
 use std::sync::{Mutex, PoisonError};
 
 use pyo3::prelude::*;
-use tracing::field::{Field, Visit};
+use tracing::field::Field;
 use tracing::level_filters::LevelFilter;
 use tracing::{Event, Level, Subscriber};
 use tracing_subscriber::layer::{Context, Layer, SubscriberExt};
@@ -16,16 +16,6 @@ static EVENTS: Mutex<Vec<(u8, String)>> = Mutex::new(Vec::new());
 const MOST: usize = 1000;
 
 struct Collector;
-
-struct Message(String);
-
-impl Visit for Message {
-    fn record_debug(&mut self, field: &Field, value: &dyn Debug) {
-        if field.name() == "message" {
-            let _ = write!(self.0, "{value:?}");
-        }
-    }
-}
 
 impl<S: Subscriber> Layer<S> for Collector {
     fn max_level_hint(&self) -> Option<LevelFilter> {
@@ -39,11 +29,15 @@ impl<S: Subscriber> Layer<S> for Collector {
             Level::INFO => 20,
             _ => return,
         };
-        let mut message = Message(String::new());
-        event.record(&mut message);
+        let mut text = String::new();
+        event.record(&mut |field: &Field, value: &dyn Debug| {
+            if field.name() == "message" {
+                text = format!("{value:?}");
+            }
+        });
         let mut events = EVENTS.lock().unwrap_or_else(PoisonError::into_inner);
         if events.len() < MOST {
-            events.push((level, message.0));
+            events.push((level, text));
         }
     }
 }
