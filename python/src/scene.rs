@@ -45,8 +45,7 @@ impl Scene {
 }
 
 /// The light shares by a callable of paths, light shares and moments, flat arrays.
-fn ask(py: Python, heuristic: Option<&Py<PyAny>>, moments: PixelMoments) -> PyResult<Vec<f32>> {
-    let Some(heuristic) = heuristic else { return Ok(Vec::new()) };
+fn ask(py: Python, heuristic: &Py<PyAny>, moments: PixelMoments) -> PyResult<Vec<f32>> {
     let PixelMoments { paths, light_shares, moments } = moments;
     let arrays = (paths.into_pyarray(py), light_shares.into_pyarray(py), moments.into_flattened().into_pyarray(py));
     let shares = heuristic.call1(py, arrays)?;
@@ -106,18 +105,18 @@ impl Scene {
         let balance = heuristic.as_ref().map(|_| ("balance".to_owned(), Some("kl".to_owned())));
         let options: Vec<_> = self.options.iter().cloned().chain(options).chain(balance).collect();
         let raised = Mutex::new(None);
-        let shares = |moments: PixelMoments| {
-            let asked = run::call_back(|| Python::attach(|py| ask(py, heuristic.as_ref(), moments)));
-            asked.map_err(|exception| {
-                *raised.lock().unwrap_or_else(PoisonError::into_inner) = Some(exception);
-                Error::Interrupted("the heuristic raised an exception".into())
-            })
-        };
-        let outcome =
-            run::stoppable(py, &self.pool, heuristic.is_some(), progress.as_ref(), |stop, progress| match heuristic {
-                Some(_) => scene.render_by(&shares, request(&self.path, &options)?, stop, progress),
-                None => scene.render(request(&self.path, &options)?, stop, progress),
-            });
+        let outcome = run::stoppable(py, &self.pool, heuristic.is_some(), progress.as_ref(), |stop, progress| {
+            let request = request(&self.path, &options)?;
+            let Some(heuristic) = &heuristic else { return scene.render(request, stop, progress) };
+            let shares = |moments: PixelMoments| {
+                let asked = run::call_back(|| Python::attach(|py| ask(py, heuristic, moments)));
+                asked.map_err(|exception| {
+                    *raised.lock().unwrap_or_else(PoisonError::into_inner) = Some(exception);
+                    Error::Interrupted("the heuristic raised an exception".into())
+                })
+            };
+            scene.render_by(&shares, request, stop, progress)
+        });
         if let Some(exception) = raised.into_inner().unwrap_or_else(PoisonError::into_inner) {
             return Err(exception);
         }
