@@ -240,11 +240,6 @@ impl Vertices {
         Some(ShadowPolicy { passes, excluded })
     }
 
-    /// Do the vertices have times?
-    pub fn moves(&self) -> bool {
-        !self.time.is_empty()
-    }
-
     /// Times of eight vertices; 0 where nothing moves.
     #[inline(always)]
     pub fn times(&self, rows: &Rows) -> F {

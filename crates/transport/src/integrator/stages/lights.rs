@@ -31,8 +31,7 @@ pub fn sample<E: PathEvents>(
 ) {
     let WaveContext { transport, depth, .. } = *at;
     let punctual = if transport.lights.punctual { vertices.len() } else { 0 };
-    shadows.bodies = transport.passes_bodies().then(|| shadows.bodies.take().unwrap_or_default());
-    shadows.open(requests.count() + punctual, vertices.moves());
+    shadows.open(transport, requests.count() + punctual);
     if transport.lights.has_extent() {
         for first in (0..requests.count()).step_by(LANES) {
             let group = requests.group(transport, vertices, at.paths, first);

@@ -29,7 +29,7 @@ pub fn sample<E: PathEvents>(
     (first_ray, next): (u32, &mut PathRays),
     events: &mut E,
 ) {
-    next.open(requests.count(), vertices.moves(), first_ray);
+    next.open(requests.count(), at.transport.geometry.moves, first_ray);
     if vertices.media.is_some() {
         grow(&mut next.medium, requests.count());
     }

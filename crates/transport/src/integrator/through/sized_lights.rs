@@ -88,8 +88,7 @@ impl SizedLightHits {
             radiance.is_finite() && radiance.max_element() > 0.0
         });
         let transport = at.transport;
-        shadows.bodies = transport.passes_bodies().then(|| shadows.bodies.take().unwrap_or_default());
-        shadows.open(found.len(), transport.geometry.moves);
+        shadows.open(transport, found.len());
         for group in found.chunks(LANES) {
             let hits = eight(|lane| group[lane.min(group.len() - 1)]);
             let rows = Rows::Each(hits.map(|(row, _)| row));
