@@ -7,6 +7,34 @@
 use super::lobe::{DirectionSample, Directions};
 use crate::lanes::{F, V3};
 
+/// Where light goes at a microfacet.
+pub(super) struct Fresnel {
+    pub reflected: V3,
+    /// Fraction that is refracted.
+    pub transmitted: F,
+}
+
+impl Fresnel {
+    /// Luminance of all of it, where `tint` colours what is transmitted.
+    #[inline(always)]
+    pub fn luminance(&self, tint: V3) -> F {
+        self.reflected.luminance() + self.transmitted * tint.luminance()
+    }
+
+    /// The part of the luminance that is reflected.
+    #[inline(always)]
+    pub fn reflection_probability(&self, tint: V3) -> F {
+        let sum = self.luminance(tint);
+        sum.simd_gt(F::ZERO).select(self.reflected.luminance() / sum, F::ONE)
+    }
+
+    /// Without what is transmitted in lanes of a mask.
+    #[inline(always)]
+    pub fn without(self, mask: F) -> Self {
+        Self { transmitted: mask.select(F::ZERO, self.transmitted), ..self }
+    }
+}
+
 /// The microfacet that scatters light from `wi` to `wo`.
 pub(super) struct Facet {
     /// Unit normal, on the side of `wo`.
