@@ -145,6 +145,12 @@ pub fn unit_interval(bits: U) -> F {
     one_to_two - F::ONE
 }
 
+/// −1 where the sign bit is set, else 1.
+#[inline(always)]
+pub fn sign(x: F) -> F {
+    (x & F::splat(-0.0)) | F::ONE
+}
+
 /// A mask of the lanes that are equal to `value`.
 #[inline(always)]
 pub fn are(bits: U, value: u32) -> F {

@@ -42,11 +42,8 @@ impl Passages {
         let bsdf = Bsdf::gather(bsdfs.each_ref());
         // As in `Vertices::push`.
         let wo = V3::gather(*direction) * F::splat(-1.0);
-        let ng = V3::gather(eight(|lane| points[lane].ng)).normalize_or(wo);
-        let side = (ng.dot(wo) & F::splat(-0.0)) | F::ONE;
-        let ng = ng * side;
-        let ns = V3::gather(eight(|lane| points[lane].ns)).normalize_or(ng * side) * side;
-        let n = shading_normal::consistent(ng, ns, wo);
+        let (ng, ns) = (V3::gather(eight(|lane| points[lane].ng)), V3::gather(eight(|lane| points[lane].ns)));
+        let (_, n) = shading_normal::facing(ng, ns, wo);
 
         let weight = bsdf.straight(n, wo, F::ONE, bodies).weight;
         let weight = V3::select(weight.is_finite(), weight, V3::ZERO);
