@@ -338,16 +338,7 @@ mod tests {
         let pose = Mat3::from_rotation_y(0.7) * Mat3::from_rotation_x(-0.4) * Mat3::from_rotation_z(0.2);
         let to_world = Affine3A::from_mat3_translation(pose, Vec3::new(1.0, -2.0, 3.0));
         for projection in [Projection::Perspective { yfov: 0.8 }, Projection::Orthographic { xmag: 2.0, ymag: 1.5 }] {
-            let camera = Camera {
-                name: String::new(),
-                projection,
-                aspect: None,
-                to_world,
-                motion: None,
-                adjacent_frames: None,
-                framing: None,
-                clip: None,
-            };
+            let camera = Camera { projection, to_world, ..Camera::panorama(Vec3::ZERO) };
             let rays = CameraRays::new(&camera, 320, 200);
             let (to_camera, to_picture) = rays.matrices();
             let [to_camera, to_picture] = [to_camera, to_picture.unwrap()].map(|m| Mat4::from_cols_array(&m));
