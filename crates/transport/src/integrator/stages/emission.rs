@@ -56,7 +56,7 @@ fn emissive_surfaces(
         let direction = rays.rays.direction(ray);
         if point.emits_against(direction) && !history.is_refracted() {
             let hit = hits.primitive(ray);
-            let radiance = point.emitted_radiance(transport.scene, hit.prim, (hits.u[ray], hits.v[ray]), direction);
+            let radiance = point.emitted_radiance(transport.scene, direction);
             let from = (rays.rays.origin(ray), rays.normal.get(ray));
             let when = (transport.scene, rays.rays.time(ray));
             let pdf = match at.depth {
