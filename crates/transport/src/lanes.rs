@@ -145,6 +145,12 @@ pub fn unit_interval(bits: U) -> F {
     one_to_two - F::ONE
 }
 
+/// −1 where the sign bit is set, else 1.
+#[inline(always)]
+pub fn sign(x: F) -> F {
+    (x & F::splat(-0.0)) | F::ONE
+}
+
 /// A mask of the lanes that are equal to `value`.
 #[inline(always)]
 pub fn are(bits: U, value: u32) -> F {
@@ -250,32 +256,22 @@ impl V3 {
     }
 }
 
-impl std::ops::Add for V3 {
-    type Output = Self;
+macro_rules! by_component {
+    ($operator:ident, $name:ident, $sign:tt) => {
+        impl std::ops::$operator for V3 {
+            type Output = Self;
 
-    #[inline(always)]
-    fn add(self, o: Self) -> Self {
-        Self { x: self.x + o.x, y: self.y + o.y, z: self.z + o.z }
-    }
+            #[inline(always)]
+            fn $name(self, o: Self) -> Self {
+                Self { x: self.x $sign o.x, y: self.y $sign o.y, z: self.z $sign o.z }
+            }
+        }
+    };
 }
 
-impl std::ops::Sub for V3 {
-    type Output = Self;
-
-    #[inline(always)]
-    fn sub(self, o: Self) -> Self {
-        Self { x: self.x - o.x, y: self.y - o.y, z: self.z - o.z }
-    }
-}
-
-impl std::ops::Mul for V3 {
-    type Output = Self;
-
-    #[inline(always)]
-    fn mul(self, o: Self) -> Self {
-        Self { x: self.x * o.x, y: self.y * o.y, z: self.z * o.z }
-    }
-}
+by_component!(Add, add, +);
+by_component!(Sub, sub, -);
+by_component!(Mul, mul, *);
 
 impl std::ops::Mul<F> for V3 {
     type Output = Self;

@@ -8,7 +8,6 @@ use super::parameters::{Eight, lobe};
 use super::schlick::schlick_weight;
 use super::{albedo, ggx};
 use crate::lanes::{F, V3};
-use crate::sampling::warp;
 
 lobe! {
     /// GGX reflection of the coat.
@@ -65,13 +64,11 @@ impl Lobe for Clearcoat<Eight> {
 
     #[inline(always)]
     fn sample_direction(&self, frames: &Frames, wo: V3, [_, u, v]: [F; 3]) -> DirectionSample {
-        let n = self.coat_normal(frames.n, wo);
-        let (t, b) = warp::frames(n);
-        let m = ggx::sample_visible_normal(V3 { x: t.dot(wo), y: b.dot(wo), z: n.dot(wo) }, [self.alpha; 2], u, v);
-        let h = t * m.x + b * m.y + n * m.z;
+        let coat = Frames::new(self.coat_normal(frames.n, wo));
+        let h = coat.to_world(ggx::sample_visible_normal(coat.to_local(wo), [self.alpha; 2], u, v));
         let wi = h * (F::splat(2.0) * wo.dot(h)) - wo;
         // Sampling fails below the coat's or the surface's horizon.
-        let above = frames.n.dot(wi).simd_gt(F::ZERO) & n.dot(wi).simd_gt(F::ZERO);
+        let above = frames.n.dot(wi).simd_gt(F::ZERO) & coat.n.dot(wi).simd_gt(F::ZERO);
         DirectionSample { wi: V3::select(above, wi, V3::ZERO), h }
     }
 }

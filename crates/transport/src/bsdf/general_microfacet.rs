@@ -4,10 +4,11 @@
 
 use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response, Straight, diffuseness};
 use super::parameters::{Eight, lobe};
-use super::refraction::{self, Facet};
+use super::refraction::{self, Facet, Fresnel};
 use super::schlick::schlick_weight;
 use super::{albedo, ggx, thin_film};
 use crate::lanes::{F, V3};
+use crate::sampling::warp;
 
 lobe! {
     /// Anisotropic GGX reflection and transmission, with or without a thin film, over a diffuse base.
@@ -64,16 +65,16 @@ impl Lobe for GeneralMicrofacet<Eight> {
 
     #[inline(always)]
     fn weight(&self, n: V3, wo: V3) -> (F, F) {
-        let fresnel = self.scattering(n.dot(wo));
-        (fresnel.reflected.luminance() + fresnel.transmitted * self.tint.luminance(), fresnel.transmittance)
+        let (fresnel, transmittance) = self.scattering(n.dot(wo));
+        (fresnel.luminance(self.tint), transmittance)
     }
 
     #[inline(never)]
     fn straight(&self, n: V3, wo: V3, light: F, bodies: bool) -> Straight {
         let passes = if bodies { self.is_glass() & self.is_smooth() } else { self.is_straight() };
         let outside = Self { eta: self.eta.fast_max(F::ONE / self.eta), ..*self };
-        let weight = self.tint * ((outside.fresnel(n.dot(wo)).transmitted * light) & passes);
-        Straight { weight, transmittance: light * self.fresnel(n.dot(wo)).transmittance }
+        let weight = self.tint * ((outside.fresnel(n.dot(wo)).0.transmitted * light) & passes);
+        Straight { weight, transmittance: light * self.fresnel(n.dot(wo)).1 }
     }
 
     #[inline(never)]
@@ -85,52 +86,28 @@ impl Lobe for GeneralMicrofacet<Eight> {
         let masking = ggx::masking_along(frame.to_local(d.wo), alphas);
         let drawn = masking * density * jacobian / d.cos_o;
 
-        let fresnel = self.scattering(wo_h);
-        let p = self.reflection_probability(&fresnel);
+        let (fresnel, transmittance) = self.scattering(wo_h);
+        let p = fresnel.reflection_probability(self.tint);
         let visible = d.above | (transmits & self.transmits());
         let pdf = (drawn * d.above.select(p, F::ONE - p)) & visible;
         let color = V3::select(d.above, fresnel.reflected, self.tint * fresnel.transmitted);
         let shadowing = ggx::shadowing(masking, ggx::masking_along(frame.to_local(d.wi), alphas));
         let value = color * ((drawn * shadowing * light) & visible);
         if !self.compensation.simd_gt(F::ZERO).any() {
-            return Response { value, pdf, transmittance: light * fresnel.transmittance };
+            return Response { value, pdf, transmittance: light * transmittance };
         }
         let (gain, compensated) = self.compensation(d.cos_o, thin);
-        let transmittance = self.compensation.simd_gt(F::ZERO).select(compensated, fresnel.transmittance);
+        let transmittance = self.compensation.simd_gt(F::ZERO).select(compensated, transmittance);
         Response { value: value * gain, pdf, transmittance: light * transmittance }
     }
 
     #[inline(never)]
     fn sample_direction(&self, Frames { n, .. }: &Frames, wo: V3, [lobe, u, v]: [F; 3]) -> DirectionSample {
         let frame = self.frame(*n);
-        let m = ggx::sample_visible_normal(frame.to_local(wo), self.alphas(), u, v);
-        let h = frame.t * m.x + frame.b * m.y + *n * m.z;
-        let reflects = lobe.simd_lt(self.reflection_probability(&self.scattering(wo.dot(h))));
+        let h = frame.to_world(ggx::sample_visible_normal(frame.to_local(wo), self.alphas(), u, v));
+        let reflects = lobe.simd_lt(self.scattering(wo.dot(h)).0.reflection_probability(self.tint));
         refraction::reflect_or_refract(*n, wo, h, self.eta, self.thin.simd_gt(F::ZERO), reflects)
     }
-}
-
-/// Local frame: tangent, bitangent and normal in world space.
-struct LocalFrame {
-    t: V3,
-    b: V3,
-    n: V3,
-}
-
-impl LocalFrame {
-    #[inline(always)]
-    fn to_local(&self, v: V3) -> V3 {
-        V3 { x: self.t.dot(v), y: self.b.dot(v), z: self.n.dot(v) }
-    }
-}
-
-/// Where light goes at a microfacet.
-struct Fresnel {
-    reflected: V3,
-    /// Fraction that is refracted.
-    transmitted: F,
-    /// Fraction that reaches the dielectric's diffuse base.
-    transmittance: F,
 }
 
 impl GeneralMicrofacet<Eight> {
@@ -139,16 +116,18 @@ impl GeneralMicrofacet<Eight> {
         [self.alpha_t, self.alpha_b]
     }
 
+    /// Frames with the tangent, projected onto the surface.
     #[inline(always)]
-    fn frame(&self, n: V3) -> LocalFrame {
-        let t = (self.tangent - n * n.dot(self.tangent)).normalize_or(crate::sampling::warp::frames(n).0);
-        LocalFrame { t, b: n.cross(t), n }
+    fn frame(&self, n: V3) -> Frames {
+        let t = (self.tangent - n * n.dot(self.tangent)).normalize_or(warp::frames(n).0);
+        Frames { t, b: n.cross(t), n }
     }
 
     /// The Fresnel terms at cosine `cos` between `wo` and the microfacet normal: exact for dielectrics that transmit, else
-    /// Schlick's approximation; modified by the film where there is one.
+    /// Schlick's approximation; modified by the film where there is one. Also the fraction that reaches the dielectric's diffuse
+    /// base.
     #[inline(always)]
-    fn fresnel(&self, cos: F) -> Fresnel {
+    fn fresnel(&self, cos: F) -> (Fresnel, F) {
         let cos = cos.fast_max(F::ZERO).fast_min(F::ONE);
         let (one, transmits) = (V3 { x: F::ONE, y: F::ONE, z: F::ONE }, self.is_glass());
         let (exact, total) = refraction::fresnel_rise(cos, self.eta);
@@ -174,18 +153,15 @@ impl GeneralMicrofacet<Eight> {
         let dielectric = V3::select(total, one, dielectric);
         let transmittance = F::ONE - dielectric.max_element();
         let rest = F::ONE - self.metallic;
-        Fresnel {
-            reflected: dielectric * rest + metallic * self.metallic,
-            transmitted: transmittance * rest * self.transmission,
-            transmittance,
-        }
+        let reflected = dielectric * rest + metallic * self.metallic;
+        (Fresnel { reflected, transmitted: transmittance * rest * self.transmission }, transmittance)
     }
 
     /// The Fresnel terms less the light that goes straight on.
     #[inline(always)]
-    fn scattering(&self, cos: F) -> Fresnel {
-        let fresnel = self.fresnel(cos);
-        Fresnel { transmitted: self.is_straight().select(F::ZERO, fresnel.transmitted), ..fresnel }
+    fn scattering(&self, cos: F) -> (Fresnel, F) {
+        let (fresnel, transmittance) = self.fresnel(cos);
+        (fresnel.without(self.is_straight()), transmittance)
     }
 
     /// Mask of the surfaces that transmit, straight on or not.
@@ -218,12 +194,5 @@ impl GeneralMicrofacet<Eight> {
         let color = (dielectric + glass) * rest + albedo::mean_fresnel(self.metallic_f0, F::ONE) * self.metallic;
         let gain = albedo::gain(color, transmits.select(boundary, albedo.loss()), self.compensation);
         (gain, F::ONE - albedo.layer(self.f0.max_element(), self.f90))
-    }
-
-    #[inline(always)]
-    fn reflection_probability(&self, fresnel: &Fresnel) -> F {
-        let reflected = fresnel.reflected.luminance();
-        let sum = reflected + fresnel.transmitted * self.tint.luminance();
-        sum.simd_gt(F::ZERO).select(reflected / sum, F::ONE)
     }
 }

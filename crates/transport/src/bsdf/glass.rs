@@ -6,7 +6,7 @@
 
 use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response, Straight, diffuseness};
 use super::parameters::{Eight, lobe};
-use super::refraction::{self, Facet};
+use super::refraction::{self, Facet, Fresnel};
 use super::{albedo, ggx};
 use crate::lanes::{F, V3};
 
@@ -53,11 +53,7 @@ impl Lobe for Glass<Eight> {
 
     #[inline(always)]
     fn weight(&self, n: V3, wo: V3) -> (F, F) {
-        let fresnel = self.scattering(n.dot(wo));
-        (
-            self.fraction * (fresnel.reflected.luminance() + fresnel.transmitted * self.tint.luminance()),
-            F::ONE - self.fraction,
-        )
+        (self.fraction * self.scattering(n.dot(wo)).luminance(self.tint), F::ONE - self.fraction)
     }
 
     #[inline(always)]
@@ -83,7 +79,7 @@ impl Lobe for Glass<Eight> {
         let drawn = masking * density * jacobian / d.cos_o;
 
         let fresnel = self.scattering(wo_h);
-        let p = self.reflection_probability(&fresnel);
+        let p = fresnel.reflection_probability(self.tint);
         let visible = d.above | transmits;
         let pdf = (drawn * d.above.select(p, F::ONE - p)) & visible;
         let color = V3::select(d.above, fresnel.reflected, self.tint * fresnel.transmitted);
@@ -97,19 +93,11 @@ impl Lobe for Glass<Eight> {
     }
 
     #[inline(always)]
-    fn sample_direction(&self, Frames { t, b, n }: &Frames, wo: V3, [lobe, u, v]: [F; 3]) -> DirectionSample {
-        let local = V3 { x: t.dot(wo), y: b.dot(wo), z: n.dot(wo) };
-        let m = ggx::sample_visible_normal(local, [self.alpha; 2], u, v);
-        let h = *t * m.x + *b * m.y + *n * m.z;
-        let reflects = lobe.simd_lt(self.reflection_probability(&self.scattering(wo.dot(h))));
-        refraction::reflect_or_refract(*n, wo, h, self.eta, self.thin.simd_gt(F::ZERO), reflects)
+    fn sample_direction(&self, frames: &Frames, wo: V3, [lobe, u, v]: [F; 3]) -> DirectionSample {
+        let h = frames.to_world(ggx::sample_visible_normal(frames.to_local(wo), [self.alpha; 2], u, v));
+        let reflects = lobe.simd_lt(self.scattering(wo.dot(h)).reflection_probability(self.tint));
+        refraction::reflect_or_refract(frames.n, wo, h, self.eta, self.thin.simd_gt(F::ZERO), reflects)
     }
-}
-
-/// Where light goes at a microfacet.
-struct Fresnel {
-    reflected: V3,
-    transmitted: F,
 }
 
 impl Glass<Eight> {
@@ -128,20 +116,12 @@ impl Glass<Eight> {
     /// The Fresnel terms less the light that goes straight on.
     #[inline(always)]
     fn scattering(&self, cos: F) -> Fresnel {
-        let fresnel = self.fresnel(cos);
-        Fresnel { transmitted: self.is_straight().select(F::ZERO, fresnel.transmitted), ..fresnel }
+        self.fresnel(cos).without(self.is_straight())
     }
 
     /// Mask of the thin walls that are smooth.
     #[inline(always)]
     fn is_straight(&self) -> F {
         self.thin.simd_gt(F::ZERO) & ggx::is_smooth(self.alpha)
-    }
-
-    #[inline(always)]
-    fn reflection_probability(&self, fresnel: &Fresnel) -> F {
-        let reflected = fresnel.reflected.luminance();
-        let sum = reflected + fresnel.transmitted * self.tint.luminance();
-        sum.simd_gt(F::ZERO).select(reflected / sum, F::ONE)
     }
 }

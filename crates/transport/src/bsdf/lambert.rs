@@ -2,10 +2,9 @@
 
 use std::f32::consts::{FRAC_1_PI, PI};
 
-use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response};
+use super::lobe::{Directions, Lobe, Response};
 use super::parameters::{Eight, lobe};
 use crate::lanes::{F, V3};
-use crate::sampling::warp;
 
 lobe! {
     /// Lambertian reflection.
@@ -35,12 +34,5 @@ impl Lobe for Lambert<Eight> {
     fn eval(&self, d: &Directions, light: F) -> Response {
         let value = self.diffuse * ((light * d.cos_i) & d.above);
         Response { value, pdf: (d.cos_i * F::splat(FRAC_1_PI)) & d.above, transmittance: F::ZERO }
-    }
-
-    #[inline(always)]
-    fn sample_direction(&self, Frames { t, b, n }: &Frames, wo: V3, [_, u, v]: [F; 3]) -> DirectionSample {
-        let cosine = warp::cosine_hemispheres(u, v);
-        let wi = *t * cosine.x + *b * cosine.y + *n * cosine.z;
-        DirectionSample { wi, h: (wo + wi).normalize_or(*n) }
     }
 }

@@ -42,8 +42,13 @@ pub trait Lobe: Copy {
     /// Value and density for given directions; `light` is the fraction of light that the layers above transmit.
     fn eval(&self, d: &Directions, light: F) -> Response;
 
-    /// Samples a direction from three uniform numbers in [0, 1); the first one chooses among the parts of a lobe.
-    fn sample_direction(&self, frames: &Frames, wo: V3, numbers: [F; 3]) -> DirectionSample;
+    /// Samples a direction from three uniform numbers in [0, 1); the first one chooses among the parts of a lobe. By default above
+    /// the surface, with density cos θ/π.
+    #[inline(always)]
+    fn sample_direction(&self, frames: &Frames, wo: V3, [_, u, v]: [F; 3]) -> DirectionSample {
+        let wi = frames.to_world(warp::cosine_hemispheres(u, v));
+        DirectionSample { wi, h: (wo + wi).normalize_or(frames.n) }
+    }
 
     /// f(wo, wi) · |n·wi|, and the density per solid angle with which [`sample`](Self::sample) draws `wi`. Both are zero
     /// where `wo` is below the surface with shading normal `n`, or where `wi` is and no lobe transmits.
@@ -65,8 +70,7 @@ pub trait Lobe: Copy {
     /// are those of the BSDF in all lanes.
     #[inline(always)]
     fn sample_or(&self, n: V3, wo: V3, numbers: [F; 3], (given, other): (F, V3)) -> BsdfSample {
-        let (t, b) = warp::frames(n);
-        let mut drawn = self.sample_direction(&Frames { t, b, n }, wo, numbers);
+        let mut drawn = self.sample_direction(&Frames::new(n), wo, numbers);
         if given.any() {
             let half = (wo + other).normalize_or(n);
             let h = V3::select(n.dot(other).simd_gt(F::ZERO), half, V3::ZERO);
@@ -113,6 +117,27 @@ pub struct Frames {
     pub b: V3,
     /// Shading normal.
     pub n: V3,
+}
+
+impl Frames {
+    /// Frames around unit normals.
+    #[inline(always)]
+    pub fn new(n: V3) -> Self {
+        let (t, b) = warp::frames(n);
+        Self { t, b, n }
+    }
+
+    /// World-space vectors in the frames.
+    #[inline(always)]
+    pub fn to_local(self, v: V3) -> V3 {
+        V3 { x: self.t.dot(v), y: self.b.dot(v), z: self.n.dot(v) }
+    }
+
+    /// Vectors in the frames in world space.
+    #[inline(always)]
+    pub fn to_world(self, v: V3) -> V3 {
+        self.t * v.x + self.b * v.y + self.n * v.z
+    }
 }
 
 /// A lobe evaluated for given directions.

@@ -153,15 +153,15 @@ impl Surface {
     #[inline]
     fn isotropic(&self) -> (Glass, BelowGlass<One>) {
         let fraction = self.transmission * (1.0 - self.metallic);
-        let glass = if fraction > 0.0 { self.glass(fraction) } else { NO_GLASS };
-        (glass, Layered { top: NO_GENERAL_MICROFACET, base: self.below_general_microfacet(fraction) })
+        let glass = if fraction > 0.0 { self.glass(fraction) } else { no_glass() };
+        (glass, Layered { top: no_general_microfacet(), base: self.below_general_microfacet(fraction) })
     }
 
     /// The lobes of an anisotropic or iridescent surface: [`GeneralMicrofacet`] replaces glass and microfacets.
     fn general(&self) -> (Glass, BelowGlass<One>) {
         let glass = self.glass(self.transmission);
-        let no_glass = self.transmission == 0.0;
-        let alpha_b = if no_glass { alpha(self.roughness) } else { glass.alpha };
+        let (opaque, absent) = (self.transmission == 0.0, no_general_microfacet());
+        let alpha_b = if opaque { alpha(self.roughness) } else { glass.alpha };
         let Anisotropy { strength, tangent } =
             self.anisotropy.unwrap_or(Anisotropy { strength: 0.0, tangent: Vec3::ZERO });
         let strength = if tangent == Vec3::ZERO { 0.0 } else { strength };
@@ -175,10 +175,10 @@ impl Surface {
             metallic_f0: self.base_color,
             transmission: if self.metallic < 1.0 { self.transmission } else { 0.0 },
             tint: glass.tint,
-            eta: if no_glass { NO_GENERAL_MICROFACET.eta } else { glass.eta },
-            thin: if no_glass { 1.0 } else { glass.thin },
+            eta: if opaque { absent.eta } else { glass.eta },
+            thin: if opaque { absent.thin } else { glass.thin },
             compensation: self.compensation(),
-            ..NO_GENERAL_MICROFACET
+            ..absent
         };
         if let Some(Iridescence { factor, ior, thickness }) = self.iridescence {
             // The film fades out below 0.03 nm, less than an atom.
@@ -194,7 +194,7 @@ impl Surface {
         let lambert = Lambert { diffuse: self.base_color * (base * (1.0 - fraction)) };
         let top = Microfacet { alpha: 1.0, ..Default::default() };
         (
-            NO_GLASS,
+            no_glass(),
             Layered {
                 top: general_microfacet,
                 base: Layered { top: diffuse_transmission, base: Layered { top, base: lambert } },
@@ -267,35 +267,16 @@ pub fn refraction_index(ior: f32) -> f32 {
 }
 
 /// An absent glass lobe, for lanes next to others that have it.
-const NO_GLASS: Glass = Glass {
-    fraction: 0.0,
-    tint: Vec3::ZERO,
-    f0: Vec3::ZERO,
-    f90: 0.0,
-    eta: 1.5,
-    thin: 0.0,
-    alpha: 1.0,
-    compensation: 0.0,
-};
+#[inline(always)]
+fn no_glass() -> Glass {
+    Glass { eta: 1.5, alpha: 1.0, ..Default::default() }
+}
 
 /// An absent general microfacet lobe, for lanes next to others that have it.
-const NO_GENERAL_MICROFACET: GeneralMicrofacet = GeneralMicrofacet {
-    tangent: Vec3::ZERO,
-    alpha_t: 1.0,
-    alpha_b: 1.0,
-    f0: Vec3::ZERO,
-    f90: 0.0,
-    metallic: 0.0,
-    metallic_f0: Vec3::ZERO,
-    transmission: 0.0,
-    tint: Vec3::ZERO,
-    eta: 1.5,
-    thin: 1.0,
-    iridescence: 0.0,
-    film_ior: 1.0,
-    film_thickness: 0.0,
-    compensation: 0.0,
-};
+#[inline(always)]
+fn no_general_microfacet() -> GeneralMicrofacet {
+    GeneralMicrofacet { alpha_t: 1.0, alpha_b: 1.0, eta: 1.5, thin: 1.0, film_ior: 1.0, ..Default::default() }
+}
 
 /// The microfacet α of a perceptual roughness.
 fn alpha(roughness: f32) -> f32 {

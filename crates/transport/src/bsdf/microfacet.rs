@@ -71,11 +71,9 @@ impl Lobe for Microfacet<Eight> {
     }
 
     #[inline(always)]
-    fn sample_direction(&self, Frames { t, b, n }: &Frames, wo: V3, [_, u, v]: [F; 3]) -> DirectionSample {
-        let local = V3 { x: t.dot(wo), y: b.dot(wo), z: n.dot(wo) };
-        let m = ggx::sample_visible_normal(local, [self.alpha; 2], u, v);
+    fn sample_direction(&self, frames: &Frames, wo: V3, [_, u, v]: [F; 3]) -> DirectionSample {
         // h as sampled, not normalize(wo + wi), which is inexact for narrow lobes.
-        let h = *t * m.x + *b * m.y + *n * m.z;
+        let h = frames.to_world(ggx::sample_visible_normal(frames.to_local(wo), [self.alpha; 2], u, v));
         DirectionSample { wi: h * (F::splat(2.0) * wo.dot(h)) - wo, h }
     }
 }

@@ -5,7 +5,36 @@
 //! is a thin wall: transmitted light leaves in the direction of its reflection, mirrored to the other side.
 
 use super::lobe::{DirectionSample, Directions};
-use crate::lanes::{F, V3};
+use super::schlick::normal_incidence;
+use crate::lanes::{F, V3, sign};
+
+/// Where light goes at a microfacet.
+pub(super) struct Fresnel {
+    pub reflected: V3,
+    /// Fraction that is refracted.
+    pub transmitted: F,
+}
+
+impl Fresnel {
+    /// Luminance of all of it, where `tint` colours what is transmitted.
+    #[inline(always)]
+    pub fn luminance(&self, tint: V3) -> F {
+        self.reflected.luminance() + self.transmitted * tint.luminance()
+    }
+
+    /// The part of the luminance that is reflected.
+    #[inline(always)]
+    pub fn reflection_probability(&self, tint: V3) -> F {
+        let sum = self.luminance(tint);
+        sum.simd_gt(F::ZERO).select(self.reflected.luminance() / sum, F::ONE)
+    }
+
+    /// Without what is transmitted in lanes of a mask.
+    #[inline(always)]
+    pub fn without(self, mask: F) -> Self {
+        Self { transmitted: mask.select(F::ZERO, self.transmitted), ..self }
+    }
+}
 
 /// The microfacet that scatters light from `wi` to `wo`.
 pub(super) struct Facet {
@@ -65,21 +94,13 @@ pub(super) fn fresnel_rise(cos: F, eta: F) -> (F, F) {
     let (less, more) = (g - cos, g + cos);
     let (a, b) = (less / more, cos.mul_sub(more, F::ONE) / cos.mul_add(less, F::ONE));
     let exact = F::splat(0.5) * a * a * b.mul_add(b, F::ONE);
-    let normal = (eta - F::ONE) / (eta + F::ONE);
-    let normal = normal * normal;
+    let normal = normal_incidence(eta);
     (((exact - normal) / (F::ONE - normal)).fast_max(F::ZERO).fast_min(F::ONE), total)
 }
 
 /// The reflectance of a dielectric at cosine `cos` to the microfacet's normal.
 pub(super) fn reflectance(cos: F, eta: F) -> F {
     let (rise, total) = fresnel_rise(cos, eta);
-    let normal = (eta - F::ONE) / (eta + F::ONE);
-    let normal = normal * normal;
+    let normal = normal_incidence(eta);
     total.select(F::ONE, (F::ONE - normal).mul_add(rise, normal))
-}
-
-/// −1 below zero, else 1.
-#[inline(always)]
-fn sign(x: F) -> F {
-    (x & F::splat(-0.0)) | F::ONE
 }

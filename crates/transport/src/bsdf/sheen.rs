@@ -4,10 +4,9 @@
 use std::f32::consts::{FRAC_1_PI, PI};
 use std::sync::LazyLock;
 
-use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response};
+use super::lobe::{Directions, Lobe, Response};
 use super::parameters::{Eight, lobe};
 use crate::lanes::{F, V3, eight};
-use crate::sampling::warp;
 
 lobe! {
     /// Reflection by fibres that stand on the surface (cloth).
@@ -43,13 +42,6 @@ impl Lobe for Sheen<Eight> {
         let albedo =
             directional_albedo(d.cos_o, self.roughness).fast_max(directional_albedo(d.cos_i.abs(), self.roughness));
         Response { value, pdf, transmittance: light * (F::ONE - self.color.max_element() * albedo) }
-    }
-
-    #[inline(always)]
-    fn sample_direction(&self, Frames { t, b, n }: &Frames, wo: V3, [_, u, v]: [F; 3]) -> DirectionSample {
-        let cosine = warp::cosine_hemispheres(u, v);
-        let wi = *t * cosine.x + *b * cosine.y + *n * cosine.z;
-        DirectionSample { wi, h: (wo + wi).normalize_or(*n) }
     }
 }
 

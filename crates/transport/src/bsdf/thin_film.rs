@@ -4,7 +4,7 @@
 
 use std::f32::consts::PI;
 
-use super::schlick::schlick_weight;
+use super::schlick::{normal_incidence, schlick_weight};
 use crate::lanes::{F, V3};
 
 /// Upper limit of the base's reflectance: at 1 its index of refraction would be infinite.
@@ -65,13 +65,6 @@ pub fn reflectance(cos: F, base: V3, ior: F, thickness: F) -> V3 {
         y: channel(base.y, first.y, second.y),
         z: channel(base.z, first.z, second.z),
     }
-}
-
-/// Reflectance at normal incidence of an interface with the relative index of refraction `ratio`.
-#[inline(always)]
-fn normal_incidence(ratio: F) -> F {
-    let root = (ratio - F::ONE) / (ratio + F::ONE);
-    root * root
 }
 
 #[inline(always)]

@@ -3,7 +3,7 @@
 //! The sphere is unfolded as an octahedron (Engelhardt and Dachsbacher 2008, *Octahedron Environment Maps*). With
 //! |ω|₁ = |x| + |y| + |z|, a density p on the unit square is p/(4 |ω|₁³) per solid angle.
 
-use crate::lanes::{F, V3};
+use crate::lanes::{F, V3, sign};
 use crate::sampling::warp::ONE_MINUS_EPSILON;
 
 /// Bins along a side of the square.
@@ -37,12 +37,6 @@ pub fn from_square(u: F, v: F) -> V3 {
 #[inline(always)]
 fn norm(w: V3) -> F {
     w.x.abs() + w.y.abs() + w.z.abs()
-}
-
-/// −1 or 1.
-#[inline(always)]
-fn sign(a: F) -> F {
-    (a & F::splat(-0.0)) | F::ONE
 }
 
 /// 4 |ω|₁³: solid angle in steradians per unit area of the square.

@@ -57,14 +57,9 @@ pub struct Lights {
 const ALL_LANES: u32 = (1 << LANES) - 1;
 
 impl Lights {
-    /// The lights of a scene. `radius` is the scene's bounding radius in metres, which turns the environment's radiance into a
-    /// power to compare with that of the area lights.
-    pub fn new(scene: &Scene, radius: f32) -> Self {
-        Self::after(scene, radius, None)
-    }
-
     /// The lights of a scene, with the environment's tables of an earlier scene if the environment is the same. `radius` is the
-    /// scene's bounding radius in metres.
+    /// scene's bounding radius in metres, which turns the environment's radiance into a power to compare with that of the area
+    /// lights.
     pub fn after(scene: &Scene, radius: f32, previous: Option<(&Scene, &Self)>) -> Self {
         let reused = previous.and_then(|(earlier, lights)| {
             let same = earlier.environment.as_ref()?.is_same(scene.environment.as_ref()?);

@@ -19,8 +19,6 @@ pub struct PunctualSample {
     pub irradiance: Vec3,
     /// Index of the light.
     pub light: usize,
-    /// One over the probability of the choice.
-    pub one_over_probability: f32,
 }
 
 impl PunctualSample {
@@ -36,8 +34,7 @@ impl PunctualSample {
 }
 
 /// The sample where no light reaches the point.
-const DARK: PunctualSample =
-    PunctualSample { wi: Vec3::Y, distance: 0.0, irradiance: Vec3::ZERO, light: 0, one_over_probability: 0.0 };
+const DARK: PunctualSample = PunctualSample { wi: Vec3::Y, distance: 0.0, irradiance: Vec3::ZERO, light: 0 };
 
 /// Samples one punctual light for each point, with the first of three random numbers in [0, 1). Nothing is learned about them:
 /// `_proposal` has no effect.
@@ -72,9 +69,7 @@ pub fn choose(lights: &[PunctualLight], p: Vec3, choice: f32, time: f32) -> Opti
         let (wi, distance, e) = irradiance(light, p, time);
         let weight = luminance(e);
         if weight > 0.0 {
-            let one_over_probability = total / weight;
-            let irradiance = e * one_over_probability;
-            chosen = Some(PunctualSample { wi, distance, irradiance, light: index, one_over_probability });
+            chosen = Some(PunctualSample { wi, distance, irradiance: e * (total / weight), light: index });
             if rest < weight {
                 break;
             }

@@ -6,6 +6,9 @@ use crate::scene::Primitive;
 /// Marks a miss in the index columns of [`HitBatch`].
 pub const MISS: u32 = u32::MAX;
 
+/// The triangle of a miss.
+pub(super) const NO_PRIMITIVE: Primitive = Primitive { instance: MISS, mesh: MISS, prim: MISS };
+
 /// Rays as structure of arrays; all columns have the same length.
 #[derive(Debug, Default, Clone)]
 pub struct RayBatch {
@@ -62,13 +65,12 @@ impl RayBatch {
 
     /// Removes all rays and keeps the memory.
     pub fn clear(&mut self) {
-        for column in self.origin.iter_mut().chain(&mut self.direction) {
-            column.clear();
-        }
-        self.tnear.clear();
-        self.tfar.clear();
-        self.key.clear();
-        self.time.clear();
+        self.close(0);
+    }
+
+    /// The columns of origins, directions, starts and ends.
+    fn floats(&mut self) -> impl Iterator<Item = &mut Vec<f32>> {
+        self.origin.iter_mut().chain(&mut self.direction).chain([&mut self.tnear, &mut self.tfar])
     }
 
     /// The direction of a ray.
@@ -113,9 +115,7 @@ impl RayBatch {
     /// [`close`](Self::close).
     pub fn open(&mut self, capacity: usize, moves: bool) {
         let len = capacity + LANES;
-        for column in self.origin.iter_mut().chain(&mut self.direction).chain([&mut self.tnear, &mut self.tfar]) {
-            column.resize(len, 0.0);
-        }
+        self.floats().for_each(|column| column.resize(len, 0.0));
         self.key.resize(len, 0);
         self.time.resize(if moves { len } else { 0 }, 0.0);
     }
@@ -140,9 +140,7 @@ impl RayBatch {
 
     /// Truncates the batch to `len` rays.
     pub fn close(&mut self, len: usize) {
-        for column in self.origin.iter_mut().chain(&mut self.direction).chain([&mut self.tnear, &mut self.tfar]) {
-            column.truncate(len);
-        }
+        self.floats().for_each(|column| column.truncate(len));
         self.key.truncate(len);
         self.time.truncate(len);
     }
@@ -150,14 +148,8 @@ impl RayBatch {
     /// Appends a ray without a time.
     #[inline]
     pub fn push(&mut self, origin: glam::Vec3, direction: glam::Vec3, tnear: f32, tfar: f32, key: u32) {
-        for (axis, column) in self.origin.iter_mut().enumerate() {
-            column.push(origin[axis]);
-        }
-        for (axis, column) in self.direction.iter_mut().enumerate() {
-            column.push(direction[axis]);
-        }
-        self.tnear.push(tnear);
-        self.tfar.push(tfar);
+        let values = [origin.x, origin.y, origin.z, direction.x, direction.y, direction.z, tnear, tfar];
+        self.floats().zip(values).for_each(|(column, value)| column.push(value));
         self.key.push(key);
     }
 }
@@ -181,17 +173,19 @@ impl HitBatch {
 
     /// Replaces a hit by one of another batch.
     pub fn replace(&mut self, row: usize, by: &Self, from: usize) {
-        (self.t[row], self.u[row], self.v[row]) = (by.t[from], by.u[from], by.v[from]);
-        self.set_primitive(row, by.primitive(from));
+        self.set(row, (by.t[from], by.u[from], by.v[from]), by.primitive(from));
     }
 
     /// Replaces a hit by a miss.
     pub fn set_miss(&mut self, row: usize) {
-        self.set_primitive(row, Primitive { instance: MISS, mesh: MISS, prim: MISS });
+        self.set(row, (self.t[row], self.u[row], self.v[row]), NO_PRIMITIVE);
     }
 
-    fn set_primitive(&mut self, row: usize, Primitive { instance, mesh, prim }: Primitive) {
-        (self.instance[row], self.mesh[row], self.prim[row]) = (instance, mesh, prim);
+    /// Replaces a hit: distance, barycentric weights and triangle.
+    #[inline(always)]
+    pub(super) fn set(&mut self, row: usize, (t, u, v): (f32, f32, f32), primitive: Primitive) {
+        (self.t[row], self.u[row], self.v[row]) = (t, u, v);
+        (self.instance[row], self.mesh[row], self.prim[row]) = (primitive.instance, primitive.mesh, primitive.prim);
     }
 
     /// Copies all hits of another batch, into the memory that this one has.

@@ -13,11 +13,11 @@ use obvhs::ray::{Ray, RayHit};
 use obvhs::rt_triangle::RtTriangle;
 use obvhs::triangle::Triangle;
 
-use super::batch::{HitBatch, MISS, RayBatch, RayOrder};
+use super::batch::{HitBatch, MISS, NO_PRIMITIVE, RayBatch, RayOrder};
 use super::build::{Watch, build_units, check_watch};
 use super::check::check;
 use super::queries::{BackendInfo, RayQueries};
-use crate::scene::Scene;
+use crate::scene::{Primitive, Scene};
 use crate::{Error, Result};
 
 mod options;
@@ -58,17 +58,9 @@ struct BottomLevel {
     bvh: Tree,
     /// In the order of the BVH's leaves.
     triangles: Vec<RtTriangle>,
-    /// Instance, mesh and index of each triangle.
-    ids: Vec<TriangleId>,
+    /// Of each triangle. The instance is [`MISS`] if the placement determines it.
+    ids: Vec<Primitive>,
     bounds: Aabb,
-}
-
-#[derive(Debug, Clone, Copy)]
-struct TriangleId {
-    /// Index into [`Scene::instances`]; [`MISS`] if the placement determines it.
-    instance: u32,
-    mesh: u32,
-    prim: u32,
 }
 
 struct Placement {
@@ -77,14 +69,6 @@ struct Placement {
     instance: u32,
     /// World to object; `None` for the triangles in world space.
     to_object: Option<Affine3A>,
-}
-
-/// The closest hit so far.
-struct Closest {
-    t: f32,
-    u: f32,
-    v: f32,
-    id: TriangleId,
 }
 
 impl ObvhsRays {
@@ -106,9 +90,8 @@ impl ObvhsRays {
         check_watch(watch, 0.0)?;
         let (mut bottom_levels, mut placements, mut bounds) = (Vec::new(), Vec::new(), Vec::new());
         let meshes_of = |object: u32| scene.objects[object as usize].meshes.clone();
-        let untransformed = scene.instances.iter().enumerate().filter(|(_, instance)| instance.transform.is_none());
-        let untransformed =
-            untransformed.flat_map(|(index, i)| meshes_of(i.object).map(move |mesh| (index as u32, mesh)));
+        let untransformed = (0..).zip(&scene.instances).filter(|(_, instance)| instance.transform.is_none());
+        let untransformed = untransformed.flat_map(|(index, i)| meshes_of(i.object).map(move |mesh| (index, mesh)));
         if let Some(bottom_level) = BottomLevel::build(&scene, untransformed, options)? {
             bounds.push(bottom_level.bounds);
             placements.push(Placement { bottom_level: 0, instance: MISS, to_object: None });
@@ -161,17 +144,13 @@ impl ObvhsRays {
     ) -> Option<(f32, f32, f32)> {
         let (t, u, v) = T::intersect(&bottom_level.triangles[at], ray)?;
         let id = bottom_level.ids[at];
-        if self.has_alpha[id.mesh as usize] {
-            let instance = if id.instance == MISS { instance } else { id.instance };
-            if !self.scene.is_present(key, instance, id.mesh, id.prim, u, v) {
-                return None;
-            }
-        }
-        Some((t, u, v))
+        let is_present = |of: Primitive| self.scene.is_present(key, of.instance, of.mesh, of.prim, u, v);
+        (!self.has_alpha[id.mesh as usize] || is_present(placed(id, instance))).then_some((t, u, v))
     }
 
-    fn closest<T: IntersectionTest>(&self, ray: &Ray, key: u32) -> Option<Closest> {
-        let mut closest = None;
+    /// Distance, barycentric weights and triangle of the closest hit, or of a miss.
+    fn closest<T: IntersectionTest>(&self, ray: &Ray, key: u32) -> ((f32, f32, f32), Primitive) {
+        let mut closest = ((f32::INFINITY, 0.0, 0.0), NO_PRIMITIVE);
         let mut nearest = RayHit::none();
         self.top.closest(*ray, &mut nearest, |world, at| {
             let placement = &self.placements[self.top.order()[at] as usize];
@@ -180,7 +159,7 @@ impl ObvhsRays {
             bottom_level.bvh.closest(placement.ray(world), &mut hit, |ray, at| {
                 match self.hit_triangle::<T>(bottom_level, placement.instance, at, ray, key) {
                     Some((t, u, v)) if t < ray.tmax => {
-                        closest = Some(Closest { t, u, v, id: bottom_level.ids[at].placed(placement.instance) });
+                        closest = ((t, u, v), placed(bottom_level.ids[at], placement.instance));
                         t
                     }
                     _ => f32::INFINITY,
@@ -202,18 +181,11 @@ impl ObvhsRays {
             if missed { f32::INFINITY } else { f32::NEG_INFINITY }
         })
     }
-}
 
-impl ObvhsRays {
     fn closest_hits_by<T: IntersectionTest>(&self, rays: &RayBatch, hits: &mut HitBatch) {
         for at in 0..rays.len() {
-            let hit = self.closest::<T>(&scaled_ray(rays, at), rays.key[at]);
-            let miss =
-                Closest { t: f32::INFINITY, u: 0.0, v: 0.0, id: TriangleId { instance: MISS, mesh: MISS, prim: MISS } };
-            let hit = hit.unwrap_or(miss);
-            hits.t[at] = hit.t * DIRECTION_SCALE;
-            (hits.u[at], hits.v[at]) = (hit.u, hit.v);
-            (hits.instance[at], hits.mesh[at], hits.prim[at]) = (hit.id.instance, hit.id.mesh, hit.id.prim);
+            let ((t, u, v), primitive) = self.closest::<T>(&scaled_ray(rays, at), rays.key[at]);
+            hits.set(at, (t * DIRECTION_SCALE, u, v), primitive);
         }
     }
 
@@ -244,10 +216,10 @@ impl RayQueries for ObvhsRays {
     }
 }
 
-impl TriangleId {
-    fn placed(self, instance: u32) -> Self {
-        if self.instance == MISS { Self { instance, ..self } } else { self }
-    }
+/// A triangle whose instance the placement determines if it has none.
+#[inline(always)]
+fn placed(id: Primitive, instance: u32) -> Primitive {
+    if id.instance == MISS { Primitive { instance, ..id } } else { id }
 }
 
 impl Placement {
@@ -280,7 +252,7 @@ impl BottomLevel {
                 if let Some(whole) = &mut whole {
                     whole.push(Triangle { v0: a, v1: b, v2: c });
                 }
-                ids.push(TriangleId { instance, mesh, prim: prim as u32 });
+                ids.push(Primitive { instance, mesh, prim: prim as u32 });
             }
         }
         if triangles.is_empty() {

@@ -4,7 +4,7 @@ use std::f32::consts::PI;
 
 use glam::Vec3;
 
-use crate::lanes::{F, V3};
+use crate::lanes::{F, V3, sign};
 
 /// Sine and cosine of 2π·`turns`, for `turns` in [0, 1], to about 1e-7.
 #[inline(always)]
@@ -93,7 +93,7 @@ pub fn frame(n: Vec3) -> (Vec3, Vec3) {
 /// [`frame`] of eight lanes.
 #[inline(always)]
 pub fn frames(n: V3) -> (V3, V3) {
-    let sign = (n.z & F::splat(-0.0)) | F::ONE;
+    let sign = sign(n.z);
     let a = -(F::ONE / (sign + n.z));
     let b = n.x * n.y * a;
     let t = V3 { x: (sign * n.x * n.x).mul_add(a, F::ONE), y: sign * b, z: -(sign * n.x) };

@@ -47,27 +47,20 @@ fn t_of(alpha: f32) -> f64 {
 const F32: f64 = 2.0 * f32::EPSILON as f64;
 
 #[test]
-fn blend_of_the_pdfs_gives_the_taylor_value() {
+fn blend_of_the_pdfs_gives_the_taylor_value_and_is_exact_for_the_linear_divergence() {
     // f = a p_l + b p_b: t = ρ/(1 + 0.6ρ²) with ρ = (a − b)/(a + b).
     for (a, b, t) in [(3.0, 1.0, 0.434_782_608_7), (1.0, 9.0, -0.578_034_682_1)] {
         let m = moments(|x| a * 2.0 * x + b * 2.0 * (1.0 - x));
-        assert!((t_of(m.second_order()) - t).abs() < 1e-6, "{}", t_of(m.second_order()));
-    }
-}
-
-#[test]
-fn blend_of_the_pdfs_is_exact_for_the_linear_divergence() {
-    for (a, b) in [(3.0, 1.0), (1.0, 9.0)] {
-        let m = moments(|x| a * 2.0 * x + b * 2.0 * (1.0 - x));
-        assert!((t_of(m.kl_linear()) - (a - b) / (a + b)).abs() < 1e-6, "{}", t_of(m.kl_linear()));
+        let [second_order, linear] = [m.second_order(), m.kl_linear()].map(t_of);
+        assert!((second_order - t).abs() < 1e-6, "{second_order}");
+        assert!((linear - (a - b) / (a + b)).abs() < 1e-6, "{linear}");
     }
     assert_eq!(moments(|x| x * x).kl_linear(), 1.0);
 }
 
 #[test]
 fn constant_integrand_stays_at_half() {
-    let m = moments(|_| 1.0);
-    assert!((m.second_order() - 0.5).abs() < 1e-6);
+    assert!((moments(|_| 1.0).second_order() - 0.5).abs() < 1e-6);
 }
 
 #[test]
@@ -87,14 +80,13 @@ fn disjoint_supports_have_their_taylor_value() {
 
 #[test]
 fn equal_pdfs_stay_at_half() {
-    let m = atoms(&[(1.0, 0.0)]);
-    assert_eq!(m.second_order(), 0.5);
+    assert_eq!(atoms(&[(1.0, 0.0)]).second_order(), 0.5);
 }
 
 #[test]
 fn truncated_odd_order_case_has_its_taylor_value() {
-    let m = atoms(&[(0.1, -1.0), (0.9, 0.9)]);
-    assert!((t_of(m.second_order()) - 0.428_2).abs() < 5e-5, "{}", t_of(m.second_order()));
+    let t = t_of(atoms(&[(0.1, -1.0), (0.9, 0.9)]).second_order());
+    assert!((t - 0.428_2).abs() < 5e-5, "{t}");
 }
 
 #[test]

@@ -9,11 +9,19 @@ fn contribution(pixel: u32, technique: Technique, index: u32, r: f32, y: f32) ->
     Contribution { pixel, technique, area: false, group: 0, index, r, w: 0.0, radiance: Vec3::splat(y) }
 }
 
-/// The light share of a pixel of a tile with `width` pixels per row, after a pilot of 32 paths.
+/// The shares of the pixels of a tile with `width` pixels per row, after a pilot of 32 paths.
+fn shares(
+    candidates: &Candidates,
+    width: usize,
+    contributions: &[Contribution],
+    features: &[PixelFeatures],
+) -> Vec<Shares> {
+    BlockVariances::new(candidates, contributions, features.len(), 32).choose(width, features, EQUAL)
+}
+
+/// The light share of one of them.
 fn choose(pixel: usize, width: usize, contributions: &[Contribution], features: &[PixelFeatures]) -> f32 {
-    BlockVariances::new(&Candidates::light_and_bsdf(Caution::DIRECT), contributions, features.len(), 32)
-        .choose(width, features, EQUAL)[pixel]
-        .light_share
+    shares(&Candidates::light_and_bsdf(Caution::DIRECT), width, contributions, features)[pixel].light_share
 }
 
 /// A row of pixels whose light samples agree and whose BSDF samples, except those of pixel `but`, find a rare large
@@ -48,13 +56,8 @@ fn a_pixels_own_pilot_has_no_part_in_its_share() {
 #[test]
 fn shares_that_do_not_pay_elsewhere_in_the_tile_are_not_used() {
     let pixels = 40;
-    let shares = |contributions: &[Contribution]| {
-        BlockVariances::new(&Candidates::light_and_bsdf(Caution::INDIRECT), contributions, pixels, 32).choose(
-            pixels,
-            &vec![WALL; pixels],
-            EQUAL,
-        )
-    };
+    let candidates = Candidates::light_and_bsdf(Caution::INDIRECT);
+    let shares = |contributions: &[Contribution]| shares(&candidates, pixels, contributions, &vec![WALL; pixels]);
     let all = noisy_bsdf(pixels as u32, 99);
     assert!(shares(&all).iter().all(|shares| shares.light_share > 0.5));
     // In one pixel of eight BSDF samples find what light samples do not.
@@ -129,20 +132,16 @@ fn weighing_by_the_share_is_the_balance_heuristic() {
 fn estimate(replicas: u32, own: bool) -> (f64, f64) {
     const PILOT: u32 = 4;
     const PATHS: u32 = 16;
-    let f = |x: f32| x.powi(4);
-    let light = |u: f32| u.sqrt();
-    let bsdf = |u: f32| 1.0 - (1.0 - u).sqrt();
     let (mut sum, mut squares) = (0.0, 0.0);
     for replica in 0..replicas {
-        let sample = |pixel: u32, technique: u32, index: u32| {
+        let of = |pixel: u32, technique: u32, index: u32| {
             // Independent samples: each from a sequence of its own.
             let [u, ..] = PixelSequence::new(pixel, replica, 2 * index + technique).sample(0, 0);
-            if technique == 0 { light(u) } else { bsdf(u) }
-        };
-        let of = |pixel: u32, technique: u32, index: u32| {
-            let x = sample(pixel, technique, index);
-            let kind = if technique == 0 { Technique::Light } else { Technique::Bsdf };
-            contribution(pixel, kind, index, 2.0 * x - 1.0, f(x) / 2.0)
+            let (kind, x) = match technique {
+                0 => (Technique::Light, u.sqrt()),
+                _ => (Technique::Bsdf, 1.0 - (1.0 - u).sqrt()),
+            };
+            contribution(pixel, kind, index, 2.0 * x - 1.0, x.powi(4) / 2.0)
         };
         let contributions: Vec<Contribution> = (0..9)
             .flat_map(|p| (0..2).flat_map(move |t| (0..PILOT).map(move |i| (p, t, i))))
@@ -155,17 +154,13 @@ fn estimate(replicas: u32, own: bool) -> (f64, f64) {
         });
         let learned: Vec<_> = learned.collect();
         let candidates = Candidates::light_and_bsdf(Caution::DIRECT);
-        let total = Counts::from_shares(
-            BlockVariances::new(&candidates, &learned, 9, PILOT).choose(3, &[WALL; 9], EQUAL)[4],
-            PATHS,
-        );
-        let mut l = 0.0;
-        for (technique, n) in [(0, total.light), (1, total.bsdf)] {
-            l += (0..n)
-                .map(|i| f64::from(of(4, technique, i).reweighted(total.relative_to(Counts::half(PILOT))).x))
-                .sum::<f64>();
-        }
-        let l = l / f64::from(PATHS);
+        let chosen = BlockVariances::new(&candidates, &learned, 9, PILOT).choose(3, &[WALL; 9], EQUAL)[4];
+        let total = Counts::from_shares(chosen, PATHS);
+        let ratios = total.relative_to(Counts::half(PILOT));
+        let weighed = |technique, i| f64::from(of(4, technique, i).reweighted(ratios).x);
+        let light: f64 = (0..total.light).map(|i| weighed(0, i)).sum();
+        let bsdf: f64 = (0..total.bsdf).map(|i| weighed(1, i)).sum();
+        let l = (light + bsdf) / f64::from(PATHS);
         sum += l;
         squares += l * l;
     }
@@ -202,8 +197,7 @@ fn the_kind_of_light_that_varies_gets_the_samples() {
                 }
             }
         }
-        BlockVariances::new(&Candidates::environment_area_and_bsdf(0.5, Caution::DIRECT), &contributions, 9, 32)
-            .choose(3, &[WALL; 9], EQUAL)[4]
+        shares(&Candidates::environment_area_and_bsdf(0.5, Caution::DIRECT), 3, &contributions, &[WALL; 9])[4]
     };
     assert!(share(true).environment_share < Some(0.5) && share(true).light_share > 0.5, "{:?}", share(true));
     assert!(share(false).environment_share > Some(0.5) && share(false).light_share > 0.5, "{:?}", share(false));
@@ -212,8 +206,7 @@ fn the_kind_of_light_that_varies_gets_the_samples() {
 #[test]
 fn without_evidence_the_prior_share_of_the_environment_stands() {
     for (chance, eighths) in [(0.1, 1.0), (0.5, 4.0), (0.7, 6.0), (0.9, 7.0)] {
-        let candidates = Candidates::environment_area_and_bsdf(chance, Caution::DIRECT);
-        let share = BlockVariances::new(&candidates, &[], 9, 32).choose(3, &[WALL; 9], EQUAL)[4];
+        let share = shares(&Candidates::environment_area_and_bsdf(chance, Caution::DIRECT), 3, &[], &[WALL; 9])[4];
         assert_eq!(share, Shares { light_share: 0.5, environment_share: Some(eighths / 8.0) });
     }
 }

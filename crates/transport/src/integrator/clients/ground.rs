@@ -88,8 +88,7 @@ impl Ground<'_> {
         let GroundColumns { shadows, light, points, .. } = &mut *self.columns;
         let transport = at.transport;
         let lights = transport.lights;
-        shadows.bodies = transport.passes_bodies().then(|| shadows.bodies.take().unwrap_or_default());
-        shadows.open(2 * SAMPLES as usize * points.len(), transport.geometry.moves);
+        shadows.open(transport, 2 * SAMPLES as usize * points.len());
         light.clear();
         let up = V3::splat(Vec3::Y);
         for (group, sample) in points.chunks(LANES).flat_map(|group| (0..SAMPLES).map(move |sample| (group, sample))) {

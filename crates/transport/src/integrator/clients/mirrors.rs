@@ -44,10 +44,9 @@ impl MirrorChains {
         (albedo, normal): (Vec3, Vec3),
         extras: &mut ExtraSums,
     ) {
-        if is_mirror(at.transport, point) {
-            self.open[path as usize] = Some(MirrorVertex { tint: albedo, normal, next: 1 });
-        } else if is_pane(at.transport, point) {
-            self.open[path as usize] = Some(MirrorVertex { tint: albedo, normal, next: 0 });
+        let mirrors = is_mirror(at.transport, point);
+        if mirrors || is_pane(at.transport, point) {
+            self.open[path as usize] = Some(MirrorVertex { tint: albedo, normal, next: mirrors.into() });
         } else {
             extras.add_guide(albedo, normal);
         }

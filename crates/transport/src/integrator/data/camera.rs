@@ -57,18 +57,17 @@ pub struct CameraRays {
     middle: [f32; 2],
     size: [f32; 2],
     kind: Kind,
-    lens_distortion: Option<Arc<Distorted>>,
     lens: Option<Lens>,
     /// [`Camera::clip`].
     clip: Option<[f32; 2]>,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone)]
 enum Kind {
     Perspective,
     Orthographic,
     Panorama,
-    Distorted,
+    Distorted(Arc<Distorted>),
 }
 
 /// What a camera with distortion needs for its rays.
@@ -101,18 +100,16 @@ impl CameraRays {
             Projection::Perspective { yfov } => ((0.5 * yfov).tan(), Kind::Perspective),
             Projection::Orthographic { ymag, .. } => (ymag, Kind::Orthographic),
             Projection::Panorama => (0.5 * PI, Kind::Panorama),
-            Projection::Calibrated(of) => {
-                ((0.5 * of.h / of.fl_y) as f32, if of.is_linear() { Kind::Perspective } else { Kind::Distorted })
-            }
+            Projection::Calibrated(of) => ((0.5 * of.h / of.fl_y) as f32, Kind::Perspective),
         };
         let half_width = match calibration {
             Some(of) => (0.5 * of.w / of.fl_x) as f32,
-            None if kind == Kind::Panorama => PI,
+            None if matches!(kind, Kind::Panorama) => PI,
             None => half_height * aspect,
         };
-        let lens_distortion = calibration.filter(|of| !of.is_linear()).map(|calibration| {
+        let distorted = calibration.filter(|of| !of.is_linear()).map(|calibration| {
             let distortion = calibration.distortion().map(|x| F::splat(x as f32));
-            Arc::new(Distorted { calibration, distortion, inverse: calibration.undistortion().0 })
+            Kind::Distorted(Arc::new(Distorted { calibration, distortion, inverse: calibration.undistortion().0 }))
         });
         Self {
             to_world: camera.to_world,
@@ -121,8 +118,7 @@ impl CameraRays {
             half: [half_width, half_height],
             middle: calibration.map_or([1.0; 2], |of| [2.0 * of.cx / of.w, 2.0 * of.cy / of.h].map(|x| x as f32)),
             size: [width as f32, height as f32],
-            kind,
-            lens_distortion,
+            kind: distorted.unwrap_or(kind),
             lens: None,
             clip: camera.clip,
         }
@@ -148,7 +144,7 @@ impl CameraRays {
         let (along, constant) = match self.kind {
             Kind::Perspective => (centre + Vec4::Z + one, -Vec4::Z),
             Kind::Orthographic => (Vec4::Z, centre + one),
-            Kind::Panorama | Kind::Distorted => return (to_camera.to_cols_array(), None),
+            Kind::Panorama | Kind::Distorted(_) => return (to_camera.to_cols_array(), None),
         };
         let to_picture = Mat4::from_cols(Vec4::X * x, Vec4::Y * -y, along, constant) * to_camera;
         // A matrix for column vectors, column by column, is the one for row vectors, row by row.
@@ -158,7 +154,7 @@ impl CameraRays {
     /// Difference of two projected points ([`Self::project`]), pixels to the right and up: the shorter way around a panorama.
     pub fn displacement(&self, from: Vec2, to: Vec2) -> Vec2 {
         let mut by = to - from;
-        if self.kind == Kind::Panorama {
+        if matches!(self.kind, Kind::Panorama) {
             by.x -= self.size[0] * (by.x / self.size[0]).round();
         }
         by
@@ -168,8 +164,8 @@ impl CameraRays {
     /// is `to_world`, or that of the frame itself. `None` for points behind the camera.
     pub fn project(&self, to_world: Option<Affine3A>, p: Vec3) -> Option<Vec2> {
         let p = to_world.unwrap_or(self.to_world).inverse().transform_point3(p);
-        let (at, depth) = match self.kind {
-            Kind::Distorted => return self.lens_distortion.as_ref().and_then(|lens| lens.project(p)),
+        let (at, depth) = match &self.kind {
+            Kind::Distorted(lens) => return lens.project(p),
             Kind::Perspective => (Vec2::new(p.x, p.y), -p.z),
             Kind::Orthographic => (Vec2::new(p.x, p.y), 1.0),
             Kind::Panorama => (Vec2::new(p.x.atan2(-p.z), p.y.atan2(p.x.hypot(p.z))), 1.0),
@@ -257,14 +253,11 @@ impl CameraRays {
         let sx = x.mul_add(F::splat(2.0 / self.size[0]), F::splat(-self.middle[0])) * F::splat(self.half[0]);
         let sy = y.mul_add(F::splat(-2.0 / self.size[1]), F::splat(self.middle[1])) * F::splat(self.half[1]);
         let across = right * sx + up * sy;
-        match self.kind {
+        match &self.kind {
             Kind::Perspective => (eye, (across - back).normalize_or(back)),
             Kind::Orthographic => (eye + across, (V3::ZERO - back).normalize_or(back)),
             Kind::Panorama => Self::panorama_ray(pose, sx, sy),
-            Kind::Distorted => match &self.lens_distortion {
-                Some(lens) => (eye, lens.direction(pose, sx, F::ZERO - sy)),
-                None => (eye, V3::ZERO - back),
-            },
+            Kind::Distorted(lens) => (eye, lens.direction(pose, sx, F::ZERO - sy)),
         }
     }
 
@@ -338,16 +331,7 @@ mod tests {
         let pose = Mat3::from_rotation_y(0.7) * Mat3::from_rotation_x(-0.4) * Mat3::from_rotation_z(0.2);
         let to_world = Affine3A::from_mat3_translation(pose, Vec3::new(1.0, -2.0, 3.0));
         for projection in [Projection::Perspective { yfov: 0.8 }, Projection::Orthographic { xmag: 2.0, ymag: 1.5 }] {
-            let camera = Camera {
-                name: String::new(),
-                projection,
-                aspect: None,
-                to_world,
-                motion: None,
-                adjacent_frames: None,
-                framing: None,
-                clip: None,
-            };
+            let camera = Camera { projection, to_world, ..Camera::panorama(Vec3::ZERO) };
             let rays = CameraRays::new(&camera, 320, 200);
             let (to_camera, to_picture) = rays.matrices();
             let [to_camera, to_picture] = [to_camera, to_picture.unwrap()].map(|m| Mat4::from_cols_array(&m));

@@ -10,7 +10,8 @@ use crate::light::Lights;
 use crate::rays::{self, Backend, RayQueries};
 use crate::scene::{Camera, Scene};
 
-/// A scene with its acceleration structure and tables; independent of render settings.
+/// A scene with its acceleration structure and tables; independent of render settings. Clones share all.
+#[derive(Clone)]
 pub struct PreparedScene<'a> {
     /// The scene.
     pub scene: Arc<Scene>,
@@ -74,14 +75,7 @@ impl<'a> PreparedScene<'a> {
     pub fn with_camera(&self, camera: Camera) -> Self {
         let mut scene = Scene::clone(&self.scene);
         scene.cameras.push(camera);
-        Self {
-            scene: scene.into(),
-            rays: Arc::clone(&self.rays),
-            geometry: Arc::clone(&self.geometry),
-            materials: Arc::clone(&self.materials),
-            lights: Arc::clone(&self.lights),
-            names: Arc::clone(&self.names),
-        }
+        Self { scene: scene.into(), ..self.clone() }
     }
 
     /// The ray query backend, if `other` has the same surfaces.

@@ -2,6 +2,7 @@
 
 use super::history::RayHistory;
 pub use super::light_groups::{LightKind, LightNumber};
+use super::transport::Transport;
 use crate::lanes::{F, Survivors, U, V3, V3Column, grow, store, store_bits};
 use crate::rays::RayBatch;
 
@@ -151,13 +152,14 @@ pub struct ShadowRays {
 }
 
 impl ShadowRays {
-    /// Clears the rows and makes room for `capacity`, with times if something `moves`.
-    pub fn open(&mut self, capacity: usize, moves: bool) {
-        self.rays.open(capacity, moves);
+    /// Clears the rows and makes room for `capacity`, with the columns that the scene needs.
+    pub fn open(&mut self, transport: &Transport, capacity: usize) {
+        self.rays.open(capacity, transport.geometry.moves);
         self.radiance.grow(capacity);
         for column in [&mut self.path, &mut self.ray, &mut self.light] {
             grow(column, capacity);
         }
+        self.bodies = transport.passes_bodies().then(|| self.bodies.take().unwrap_or_default());
         if let Some(BodyColumns { passes, medium }) = &mut self.bodies {
             grow(passes, capacity);
             grow(medium, capacity);

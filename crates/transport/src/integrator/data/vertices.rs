@@ -153,12 +153,7 @@ impl Vertices {
         let at = self.len;
         self.len += n;
         let wo = group.direction * F::splat(-1.0);
-        let ng = group.ng.normalize_or(wo);
-        // ±1: the side of wo relative to the winding.
-        let side = (ng.dot(wo) & F::splat(-0.0)) | F::ONE;
-        let ng = ng * side;
-        let ns = group.ns.normalize_or(ng * side) * side;
-        let ns = shading_normal::consistent(ng, ns, wo);
+        let (ng, ns) = shading_normal::facing(group.ng, group.ns, wo);
         self.origin.store(at, group.position + ng * group.origin_offset);
         self.ng.store(at, ng);
         self.ns.store(at, ns);
@@ -238,11 +233,6 @@ impl Vertices {
         let refracted = after_rough & beyond & !passes;
         let excluded = if refracted.any() { refracted & self.is_smooth_glass(rows, bsdf) } else { F::ZERO };
         Some(ShadowPolicy { passes, excluded })
-    }
-
-    /// Do the vertices have times?
-    pub fn moves(&self) -> bool {
-        !self.time.is_empty()
     }
 
     /// Times of eight vertices; 0 where nothing moves.

@@ -23,7 +23,7 @@ pub struct FirstSample {
 }
 
 /// A second surface whose light is lent.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub struct Lender {
     /// Row of the second surface.
     pub y: u32,

@@ -117,14 +117,7 @@ impl Lending {
                     let lender = self.lenders.len() as u32;
                     self.samples[sample as usize].lender = lender;
                     self.lender_of[ray] = lender;
-                    self.lenders.push(Lender {
-                        y: row as u32,
-                        directions: [Vec3::ZERO; 3],
-                        sampled: [Vec3::ZERO; 2],
-                        groups: [0; 2],
-                        beyond: [Vec3::ZERO; MAX_GROUPS],
-                        lit: 0,
-                    });
+                    self.lenders.push(Lender { y: row as u32, ..Default::default() });
                     vertices.beta.set(row, Vec3::ONE);
                 } else {
                     vertices.beta.set(row, Vec3::ZERO);

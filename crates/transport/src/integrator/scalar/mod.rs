@@ -287,8 +287,7 @@ impl<'a> Tracer<'a> {
             let pdf = if one_technique { 0.0 } else { pdf.as_array()[0] };
             return self.emission(ray, depth, radiance.lane(0), [pdf, 0.0]);
         }
-        let barycentric = (hits.u[0], hits.v[0]);
-        let point = t.geometry.point(t.scene, hit, barycentric, ray.time);
+        let point = t.geometry.point(t.scene, hit, (hits.u[0], hits.v[0]), ray.time);
         let material = point.mesh.material;
         self.report(depth, EventKind::Hit { instance: hit.instance, mesh: hit.mesh, material, t: distance });
         if point.material.unlit {
@@ -299,7 +298,7 @@ impl<'a> Tracer<'a> {
         if !t.materials.mesh_material(hit.mesh).emits || !point.emits_against(direction) || excluded {
             return Vec3::ZERO;
         }
-        let radiance = point.emitted_radiance(t.scene, hit.prim, barycentric, direction);
+        let radiance = point.emitted_radiance(t.scene, direction);
         let (from, at) = ((origin, ray.normal), (t.scene, ray.time));
         let pdf = match one_technique {
             true => 0.0,

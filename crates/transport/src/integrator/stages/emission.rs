@@ -37,7 +37,11 @@ fn emissive_surfaces(
     found: &mut Vec<FoundEmission>,
 ) {
     let transport = at.transport;
-    let group = |ray: usize| transport.group(LightKind::Area, |groups| groups.hit(hits.primitive(ray)));
+    let emission = |ray: usize, radiance: Vec3, pdf: f32| {
+        let kind = LightKind::Area;
+        let group = transport.group(kind, |groups| groups.hit(hits.primitive(ray)));
+        FoundEmission { ray: ray as u32, radiance, pdf: [0.0, pdf], kind, group }
+    };
     for ray in emissive.iter().map(|&ray| ray as usize) {
         let history = rays.history(ray);
         let point = transport.point(&rays.rays, hits, ray);
@@ -46,15 +50,13 @@ fn emissive_surfaces(
             if at.depth > 0 && !history.is_mirror_image() {
                 continue;
             }
-            let radiance = point.base_color(transport.scene);
-            let emission = Emission { radiance, pdf: [0.0; 2], kind: LightKind::Area, group: group(ray) };
-            found.extend(emission.weighted(at, ray, rays, non_finite));
+            found.extend(weighted(emission(ray, point.base_color(transport.scene), 0.0), at, rays, non_finite));
             continue;
         }
         let direction = rays.rays.direction(ray);
         if point.emits_against(direction) && !history.is_refracted() {
             let hit = hits.primitive(ray);
-            let radiance = point.emitted_radiance(transport.scene, hit.prim, (hits.u[ray], hits.v[ray]), direction);
+            let radiance = point.emitted_radiance(transport.scene, direction);
             let from = (rays.rays.origin(ray), rays.normal.get(ray));
             let when = (transport.scene, rays.rays.time(ray));
             let pdf = match at.depth {
@@ -62,8 +64,7 @@ fn emissive_surfaces(
                 _ if has_passed(rays, ray) => 0.0,
                 _ => transport.lights.area_pdf(when, from, hit, direction, hits.t[ray], &transport.proposal.lights),
             };
-            let emission = Emission { radiance, pdf: [0.0, pdf], kind: LightKind::Area, group: group(ray) };
-            found.extend(emission.weighted(at, ray, rays, non_finite));
+            found.extend(weighted(emission(ray, radiance, pdf), at, rays, non_finite));
         }
     }
 }
@@ -89,16 +90,14 @@ fn environment(
         let (rows, n) = eight_of(escaped, first);
         let (radiance, pdf) = transport.lights.environment(rays.rays.directions(&rows), &transport.proposal.lights);
         for lane in 0..n {
-            if rays.history(escaped[first + lane] as usize).is_refracted() {
+            let row = escaped[first + lane];
+            let ray = row as usize;
+            if rays.history(ray).is_refracted() || (hidden && !rays.passed_wall[ray]) {
                 continue;
             }
-            if hidden && !rays.passed_wall[escaped[first + lane] as usize] {
-                continue;
-            }
-            let passed = has_passed(rays, escaped[first + lane] as usize);
-            let pdf = if depth == 0 || passed { 0.0 } else { pdf.as_array()[lane] };
-            let emission = Emission { radiance: radiance.lane(lane), pdf: [pdf, 0.0], kind, group };
-            found.extend(emission.weighted(at, escaped[first + lane] as usize, rays, non_finite));
+            let pdf = if depth == 0 || has_passed(rays, ray) { 0.0 } else { pdf.as_array()[lane] };
+            let emission = FoundEmission { ray: row, radiance: radiance.lane(lane), pdf: [pdf, 0.0], kind, group };
+            found.extend(weighted(emission, at, rays, non_finite));
         }
     }
 }
@@ -109,36 +108,26 @@ fn has_passed(rays: &PathRays, ray: usize) -> bool {
     rays.rays.tnear[ray] > 0.0
 }
 
-/// Emission that a ray hits.
-struct Emission {
-    radiance: Vec3,
-    /// Densities per solid angle of light samples in this direction: environment, area lights. One of them is zero.
-    pdf: [f32; 2],
-    kind: LightKind,
-    group: u8,
-}
-
-impl Emission {
-    /// What it adds to the ray's path, weighted against light samples by MIS and clamped; `None` if that is nothing.
-    #[inline]
-    fn weighted(
-        self,
-        at: &WaveContext,
-        ray: usize,
-        rays: &PathRays,
-        non_finite: &mut NonFiniteSamples,
-    ) -> Option<FoundEmission> {
-        let radiance = rays.beta.get(ray) * self.radiance * mis_weight(at, rays, ray, self.pdf);
-        if !radiance.is_finite() {
-            non_finite.add(rays.path[ray]);
-            return None;
-        }
-        if radiance == Vec3::ZERO {
-            return None;
-        }
-        let (radiance, _) = clamp_contribution(radiance, limit(at));
-        Some(FoundEmission { ray: ray as u32, radiance, pdf: self.pdf, kind: self.kind, group: self.group })
+/// What emission at the end of a ray adds to the ray's path, weighted against light samples by MIS and clamped; `None` if that is
+/// nothing.
+#[inline]
+fn weighted(
+    found: FoundEmission,
+    at: &WaveContext,
+    rays: &PathRays,
+    non_finite: &mut NonFiniteSamples,
+) -> Option<FoundEmission> {
+    let ray = found.ray as usize;
+    let radiance = rays.beta.get(ray) * found.radiance * mis_weight(at, rays, ray, found.pdf);
+    if !radiance.is_finite() {
+        non_finite.add(rays.path[ray]);
+        return None;
     }
+    if radiance == Vec3::ZERO {
+        return None;
+    }
+    let (radiance, _) = clamp_contribution(radiance, limit(at));
+    Some(FoundEmission { radiance, ..found })
 }
 
 /// The clamp of emission that rays find.

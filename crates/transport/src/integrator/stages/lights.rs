@@ -31,8 +31,7 @@ pub fn sample<E: PathEvents>(
 ) {
     let WaveContext { transport, depth, .. } = *at;
     let punctual = if transport.lights.punctual { vertices.len() } else { 0 };
-    shadows.bodies = transport.passes_bodies().then(|| shadows.bodies.take().unwrap_or_default());
-    shadows.open(requests.count() + punctual, vertices.moves());
+    shadows.open(transport, requests.count() + punctual);
     if transport.lights.has_extent() {
         for first in (0..requests.count()).step_by(LANES) {
             let group = requests.group(transport, vertices, at.paths, first);
@@ -67,28 +66,22 @@ fn sample_group(
     shadows: &mut ShadowRays,
 ) -> LightSampleGroup {
     match vertices.core() {
-        Some(columns) => {
-            let bsdf = Core::load(columns, &group.rows);
-            sample_extended(at.transport, at.depth, vertices, &bsdf, group, non_finite, shadows)
-        }
-        None => {
-            let bsdf = vertices.bsdf(&group.rows);
-            sample_extended(at.transport, at.depth, vertices, &bsdf, group, non_finite, shadows)
-        }
+        Some(columns) => sample_extended(at, vertices, &Core::load(columns, &group.rows), group, non_finite, shadows),
+        None => sample_extended(at, vertices, &vertices.bsdf(&group.rows), group, non_finite, shadows),
     }
 }
 
 /// Eight samples of the environment and of area lights, with MIS weights.
 #[inline(never)]
 fn sample_extended(
-    transport: &Transport,
-    depth: u32,
+    at: &WaveContext,
     vertices: &Vertices,
     bsdf: &impl Lobe,
     group: &RequestGroup,
     non_finite: &mut NonFiniteSamples,
     shadows: &mut ShadowRays,
 ) -> LightSampleGroup {
+    let WaveContext { transport, depth, .. } = *at;
     let (rows, id) = (&group.rows, &group.path_ids);
     let [choice, u, v, _] = samples(id.seed, id.index, dimensions::light(depth));
     let [a_env, a_area, a_b] = group.samples_per_path;

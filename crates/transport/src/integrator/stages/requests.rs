@@ -20,6 +20,13 @@ struct SampleRequest {
     target: LightTarget,
 }
 
+impl SampleRequest {
+    /// The sample that a vertex takes with the index of its path, of any light.
+    fn of(vertices: &Vertices, row: usize) -> Self {
+        Self { vertex: row as u32, index: vertices.index[row], target: LightTarget::Random }
+    }
+}
+
 /// The samples of one technique that a batch of vertices takes.
 #[derive(Debug, Default)]
 pub struct Requests {
@@ -71,8 +78,7 @@ impl Requests {
     fn partition_by_target(&mut self, transport: &Transport, depth: u32, vertices: &Vertices) {
         if !self.uses_list {
             self.uses_list = true;
-            let each = (0..).zip(&vertices.index[..vertices.len()]);
-            self.list.extend(each.map(|(vertex, &index)| SampleRequest { vertex, index, target: LightTarget::Random }));
+            self.list.extend((0..vertices.len()).map(|row| SampleRequest::of(vertices, row)));
         }
         self.area_light_samples.clear();
         let mut kept = 0;
@@ -115,11 +121,8 @@ impl Requests {
         self.len = vertices.len();
         if !vertices.ended.is_empty() {
             self.uses_list = true;
-            self.list.extend((0..vertices.len()).filter(|row| !vertices.ended[*row]).map(|row| SampleRequest {
-                vertex: row as u32,
-                index: vertices.index[row],
-                target: LightTarget::Random,
-            }));
+            let rows = (0..vertices.len()).filter(|row| !vertices.ended[*row]);
+            self.list.extend(rows.map(|row| SampleRequest::of(vertices, row)));
         }
     }
 
@@ -135,11 +138,7 @@ impl Requests {
             let number = unit_interval(keys(id.seed, id.index, dimensions::roulette(depth)));
             let taken = (number.simd_lt(probability) & mask(LANES.min(vertices.len() - at))).to_bitmask();
             let lanes = (0..LANES).filter(|lane| taken >> lane & 1 == 1 && !ended(at + lane));
-            self.list.extend(lanes.map(|lane| SampleRequest {
-                vertex: (at + lane) as u32,
-                index: id.index.as_array()[lane],
-                target: LightTarget::Random,
-            }));
+            self.list.extend(lanes.map(|lane| SampleRequest::of(vertices, at + lane)));
         }
     }
 

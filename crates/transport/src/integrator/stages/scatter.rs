@@ -8,7 +8,6 @@ use crate::integrator::data::dimensions;
 use crate::integrator::data::path_states::NonFiniteSamples;
 use crate::integrator::data::queues::{PathIds, PathRays};
 use crate::integrator::data::requests::RequestGroup;
-use crate::integrator::data::transport::Transport;
 use crate::integrator::data::vertices::Vertices;
 use crate::integrator::events::{PathEvents, ScatteredGroup};
 use crate::lanes::{F, LANES, Survivors, grow, mask, store, store_bits};
@@ -29,7 +28,7 @@ pub fn sample<E: PathEvents>(
     (first_ray, next): (u32, &mut PathRays),
     events: &mut E,
 ) {
-    next.open(requests.count(), vertices.moves(), first_ray);
+    next.open(requests.count(), at.transport.geometry.moves, first_ray);
     if vertices.media.is_some() {
         grow(&mut next.medium, requests.count());
     }
@@ -53,25 +52,22 @@ fn sample_group(
     non_finite: &mut NonFiniteSamples,
     next: &mut PathRays,
 ) -> ScatteredGroup {
-    let WaveContext { transport, depth, .. } = *at;
     match vertices.core() {
-        Some(columns) => {
-            one_group(transport, depth, vertices, &Core::load(columns, &group.rows), group, non_finite, next)
-        }
-        None => one_group(transport, depth, vertices, &vertices.bsdf(&group.rows), group, non_finite, next),
+        Some(columns) => one_group(at, vertices, &Core::load(columns, &group.rows), group, non_finite, next),
+        None => one_group(at, vertices, &vertices.bsdf(&group.rows), group, non_finite, next),
     }
 }
 
 #[inline(never)]
 fn one_group(
-    transport: &Transport,
-    depth: u32,
+    at: &WaveContext,
     vertices: &Vertices,
     bsdf: &impl Lobe,
     group: &RequestGroup,
     non_finite: &mut NonFiniteSamples,
     next: &mut PathRays,
 ) -> ScatteredGroup {
+    let WaveContext { transport, depth, .. } = *at;
     let (rows, id) = (&group.rows, &group.path_ids);
     let [lobe, u, v, survive] = samples(id.seed, id.index, dimensions::bsdf(depth));
     let transmits = bsdf.transmits();

@@ -378,10 +378,10 @@ impl SurfacePoint<'_> {
         self.material.double_sided || self.ng.dot(direction) < 0.0
     }
 
-    /// Radiance emitted toward the origin of a ray of this direction, which hit triangle `prim` at `barycentric`.
+    /// Radiance emitted toward the origin of a ray of this direction.
     #[inline]
-    pub fn emitted_radiance(&self, scene: &Scene, prim: u32, barycentric: (f32, f32), direction: Vec3) -> Vec3 {
-        AreaLights::radiance(scene, self.mesh, prim, barycentric, self.ng.normalize_or_zero().dot(direction))
+    pub fn emitted_radiance(&self, scene: &Scene, direction: Vec3) -> Vec3 {
+        AreaLights::radiance(scene, self.mesh, self.prim, self.barycentric, self.ng.normalize_or_zero().dot(direction))
     }
 
     /// Does a ray of this direction hit the back side?

@@ -77,24 +77,14 @@ impl Materials {
         let interiors: Vec<_> =
             scene.materials.iter().map(|m| (m.transmits() && m.bounds_medium).then(|| add_medium(m))).collect();
         let kind = |(mesh, moves): (&Arc<Mesh>, bool)| {
-            let kind = classify(scene, mesh, &constant);
-            MeshMaterial {
-                interior_medium: interiors[mesh.material as usize],
-                constant: kind.constant && !moves,
-                ..kind
-            }
+            let own = mesh.material as usize;
+            classify(scene, mesh, moves, &constant[own], interiors[own])
         };
         let mesh_materials: Vec<_> = scene.meshes.iter().zip(scene.moving_meshes()).map(kind).collect();
         let lit =
             || mesh_materials.iter().filter(|kind| !kind.unlit).map(|kind| &scene.materials[kind.material as usize]);
-        let lobes = lit().map(possible_lobes).fold(LobeSet::default(), LobeSet::union);
+        let any = |of: fn(&MeshMaterial) -> bool| mesh_materials.iter().any(of);
         let transmits = lit().any(Material::transmits);
-        let has_single_sided = mesh_materials.iter().any(|kind| kind.single_sided);
-        let has_unlit = mesh_materials.iter().any(|kind| kind.unlit) && lit().next().is_some();
-        let has_thin_walls = mesh_materials.iter().any(|kind| kind.thin_wall);
-        let has_smooth_bodies = mesh_materials.iter().any(|kind| kind.smooth_body);
-        let blends = scene.materials.iter().any(|material| material.alpha_mode == AlphaMode::Blend);
-        let disperses = lit().any(Material::disperses);
         let back_facing = if transmits {
             scene.materials.iter().map(|m| Surface { back_facing: true, ..untextured(m) }.bsdf()).collect()
         } else {
@@ -102,16 +92,16 @@ impl Materials {
         };
         Self {
             constant: [constant, back_facing],
-            mesh_materials,
-            lobes,
+            lobes: lit().map(possible_lobes).fold(LobeSet::default(), LobeSet::union),
             transmits,
-            has_single_sided,
-            has_unlit,
-            has_thin_walls,
-            has_smooth_bodies,
-            blends,
-            disperses,
+            has_single_sided: any(|kind| kind.single_sided),
+            has_unlit: any(|kind| kind.unlit) && lit().next().is_some(),
+            has_thin_walls: any(|kind| kind.thin_wall),
+            has_smooth_bodies: any(|kind| kind.smooth_body),
+            blends: scene.materials.iter().any(|material| material.alpha_mode == AlphaMode::Blend),
+            disperses: lit().any(Material::disperses),
             media,
+            mesh_materials,
         }
     }
 
@@ -144,7 +134,8 @@ impl Materials {
     }
 }
 
-fn classify(scene: &Scene, mesh: &Mesh, constant: &[Bsdf]) -> MeshMaterial {
+/// What shading a mesh needs, with the BSDF of its material without textures.
+fn classify(scene: &Scene, mesh: &Mesh, moves: bool, bsdf: &Bsdf, interior_medium: Option<u32>) -> MeshMaterial {
     let m = &scene.materials[mesh.material as usize];
     let constant_surface = mesh.colors.is_none()
         && !m.disperses()
@@ -154,17 +145,16 @@ fn classify(scene: &Scene, mesh: &Mesh, constant: &[Bsdf]) -> MeshMaterial {
             TextureSlot::Normal | TextureSlot::ClearcoatNormal => m.textures[slot].is_none() || mesh.tangents.is_none(),
             _ => m.textures[slot].is_none(),
         });
-    let black = constant_surface && constant[mesh.material as usize].lobes().is_empty();
     MeshMaterial {
         material: mesh.material,
-        constant: constant_surface,
-        black,
+        constant: constant_surface && !moves,
+        black: constant_surface && bsdf.lobes().is_empty(),
         emits: m.unlit || m.is_emissive(),
         unlit: m.unlit,
         single_sided: !m.double_sided && !m.transmits(),
         thin_wall: !m.bounds_medium && may_be_smooth_glass(m),
         smooth_body: m.bounds_medium && may_be_smooth_glass(m),
-        interior_medium: None,
+        interior_medium,
     }
 }
 
@@ -197,58 +187,30 @@ fn possible_lobes(material: &Material) -> LobeSet {
 /// Material parameters for the base colour `base_color` and the texels that `texel` returns for the other textures.
 #[inline(always)]
 pub fn surface(material: &Material, base_color: Vec3, texel: impl Fn(TextureSlot) -> Option<Vec4>) -> Surface {
-    let mut s = Surface {
-        transmission: material.transmission,
-        diffuse_transmission: material.diffuse_transmission,
-        diffuse_transmission_color: material.diffuse_transmission_color,
+    let factor = |slot: TextureSlot, channel: usize| texel(slot).map_or(1.0, |texel| texel[channel]);
+    let tint = |slot: TextureSlot| texel(slot).map_or(Vec3::ONE, Vec4::truncate);
+    let [thinnest, thickest] = material.iridescence_thickness;
+    Surface {
+        transmission: material.transmission * factor(TextureSlot::Transmission, 0),
+        diffuse_transmission: material.diffuse_transmission * factor(TextureSlot::DiffuseTransmission, 3),
+        diffuse_transmission_color: material.diffuse_transmission_color * tint(TextureSlot::DiffuseTransmissionColor),
         bounds_medium: material.bounds_medium,
-        sheen_color: material.sheen_color,
-        sheen_roughness: material.sheen_roughness,
-        clearcoat: material.clearcoat,
-        clearcoat_roughness: material.clearcoat_roughness,
-        anisotropy: (material.anisotropy > 0.0)
-            .then_some(Anisotropy { strength: material.anisotropy, tangent: Vec3::ZERO }),
-        iridescence: (material.iridescence > 0.0).then_some(Iridescence {
-            factor: material.iridescence,
+        sheen_color: material.sheen_color * tint(TextureSlot::SheenColor),
+        sheen_roughness: material.sheen_roughness * factor(TextureSlot::SheenRoughness, 3),
+        clearcoat: material.clearcoat * factor(TextureSlot::Clearcoat, 0),
+        clearcoat_roughness: material.clearcoat_roughness * factor(TextureSlot::ClearcoatRoughness, 1),
+        anisotropy: (material.anisotropy > 0.0).then(|| Anisotropy {
+            strength: material.anisotropy * factor(TextureSlot::Anisotropy, 2),
+            tangent: Vec3::ZERO,
+        }),
+        iridescence: (material.iridescence > 0.0).then(|| Iridescence {
+            factor: material.iridescence * factor(TextureSlot::Iridescence, 0),
             ior: material.iridescence_ior,
-            thickness: material.iridescence_thickness[1],
+            thickness: texel(TextureSlot::IridescenceThickness)
+                .map_or(thickest, |texel| thinnest + (thickest - thinnest) * texel.y),
         }),
         ..core(material, base_color, &texel)
-    };
-    if let Some(texel) = texel(TextureSlot::Transmission) {
-        s.transmission *= texel.x;
     }
-    if let Some(texel) = texel(TextureSlot::DiffuseTransmission) {
-        s.diffuse_transmission *= texel.w;
-    }
-    if let Some(texel) = texel(TextureSlot::DiffuseTransmissionColor) {
-        s.diffuse_transmission_color *= texel.truncate();
-    }
-    if let Some(texel) = texel(TextureSlot::SheenColor) {
-        s.sheen_color *= texel.truncate();
-    }
-    if let Some(texel) = texel(TextureSlot::SheenRoughness) {
-        s.sheen_roughness *= texel.w;
-    }
-    if let Some(texel) = texel(TextureSlot::Clearcoat) {
-        s.clearcoat *= texel.x;
-    }
-    if let Some(texel) = texel(TextureSlot::ClearcoatRoughness) {
-        s.clearcoat_roughness *= texel.y;
-    }
-    if let (Some(anisotropy), Some(texel)) = (&mut s.anisotropy, texel(TextureSlot::Anisotropy)) {
-        anisotropy.strength *= texel.z;
-    }
-    if let Some(iridescence) = &mut s.iridescence {
-        if let Some(texel) = texel(TextureSlot::Iridescence) {
-            iridescence.factor *= texel.x;
-        }
-        if let Some(texel) = texel(TextureSlot::IridescenceThickness) {
-            let [min, max] = material.iridescence_thickness;
-            iridescence.thickness = min + (max - min) * texel.y;
-        }
-    }
-    s
 }
 
 /// Parameters of the core model only, from the same arguments as [`surface`].

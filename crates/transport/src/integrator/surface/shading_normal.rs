@@ -4,12 +4,23 @@
 //! smooth bumps. Such a normal is bent toward the geometric normal until the mirror direction is just above the surface
 //! (Keller et al. 2017, *The Iray Light Transport Simulation and Rendering System*, appendix A.3).
 
-use crate::lanes::{F, V3};
+use crate::lanes::{F, V3, sign};
 
 /// Lowest cosine between `wo` and the shading normal.
 pub const MIN_COS: f32 = 1e-3;
 /// Lowest cosine between the mirror direction and the geometric normal, except where `wo` itself is lower.
 const MIN_MIRROR_COS: f32 = 0.01;
+
+/// Geometric and shading normals of any length, as unit vectors on the side of `wo`; the second is [`consistent`].
+#[inline(always)]
+pub fn facing(ng: V3, ns: V3, wo: V3) -> (V3, V3) {
+    let ng = ng.normalize_or(wo);
+    // ±1: the side of wo relative to the winding.
+    let side = sign(ng.dot(wo));
+    let ng = ng * side;
+    let ns = ns.normalize_or(ng * side) * side;
+    (ng, consistent(ng, ns, wo))
+}
 
 /// `ns`, bent where that is necessary. All vectors are unit and in world space; `ng` is on the side of `wo`. Normals that need no
 /// bending keep their bits.

@@ -15,9 +15,9 @@ use crate::integrator::data::path_states::NonFiniteSamples;
 use crate::integrator::data::queues::{PathIds, PathRays, SortedHits};
 use crate::integrator::events::{FoundEmission, PathEvents};
 use crate::integrator::stages::camera_rays::{camera_ray, clip};
-use crate::integrator::stages::{emission, media};
+use crate::integrator::stages::{emission, media, sort};
 use crate::lanes::{F, LANES, NUMBERS, U, V3};
-use crate::rays::{HitBatch, MISS, RayOrder};
+use crate::rays::{HitBatch, RayOrder};
 use crate::sampling::{hash, keys, pixel_seed};
 
 /// The seed of the sequences of these camera rays.
@@ -47,7 +47,7 @@ impl EmissionRays {
         clients: &mut E,
         counts: &mut WaveCounts,
     ) {
-        let Some(numbers) = at.transport.proposal.emission_rays else { return };
+        let Some(numbers) = at.transport.proposal.emission_rays.filter(|_| at.depth == 0) else { return };
         let of = |pixel: usize| numbers.rays_per_path(at.tasks[pixel].x, at.tasks[pixel].y);
         if (0..at.tasks.len()).all(|pixel| of(pixel) == 1) {
             return;
@@ -105,14 +105,7 @@ impl EmissionRays {
         timed(counts, || transport.rays.closest_hits(&rays.rays, RayOrder::Coherent, hits));
         passing.pass_back_faces(transport, rays, hits);
         passing.pass_thin_walls(at, rays, hits);
-        sorted.clear();
-        for (row, &mesh) in (0..).zip(&hits.mesh[..rays.len]) {
-            match mesh {
-                MISS => sorted.escaped.push(row),
-                mesh if transport.materials.mesh_material(mesh).emits => sorted.emissive.push(row),
-                _ => {}
-            }
-        }
+        sort::sort(transport, at.depth, rays, hits, sorted);
         media::attenuate(transport, at.depth, rays, hits);
         emission::find(at, sorted, rays, hits, found, non_finite, clients);
         rays.open(at.paths.len(), transport.geometry.moves, 0);

@@ -6,7 +6,7 @@ use wide::bytemuck::cast;
 
 use super::passing::Passing;
 use crate::integrator::data::context::WaveContext;
-use crate::integrator::data::counts::{WaveCounts, timed};
+use crate::integrator::data::counts::WaveCounts;
 use crate::integrator::data::path_states::{NonFiniteSamples, clamp_contribution};
 use crate::integrator::data::queues::{LightKind, PathRays, ShadowRays};
 use crate::integrator::events::{FoundEmission, PathEvents};
@@ -40,8 +40,7 @@ impl SizedLightHits {
             return;
         }
         self.push_shadow_rays(at, rays, non_finite);
-        counts.shadow_rays += self.shadows.len as u64;
-        timed(counts, || passing.walls.occlude(at.transport, &mut self.shadows));
+        passing.occlude(at.transport, &mut self.shadows, counts);
         let limit = emission::limit(at);
         for (row, (ray, hit)) in self.found.iter().enumerate().filter(|(row, _)| !self.shadows.occluded[*row]) {
             let (radiance, _) = clamp_contribution(self.shadows.radiance.get(row), limit);
@@ -88,8 +87,7 @@ impl SizedLightHits {
             radiance.is_finite() && radiance.max_element() > 0.0
         });
         let transport = at.transport;
-        shadows.bodies = transport.passes_bodies().then(|| shadows.bodies.take().unwrap_or_default());
-        shadows.open(found.len(), transport.geometry.moves);
+        shadows.open(transport, found.len());
         for group in found.chunks(LANES) {
             let hits = eight(|lane| group[lane.min(group.len() - 1)]);
             let rows = Rows::Each(hits.map(|(row, _)| row));

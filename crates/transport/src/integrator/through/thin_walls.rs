@@ -42,11 +42,8 @@ impl Passages {
         let bsdf = Bsdf::gather(bsdfs.each_ref());
         // As in `Vertices::push`.
         let wo = V3::gather(*direction) * F::splat(-1.0);
-        let ng = V3::gather(eight(|lane| points[lane].ng)).normalize_or(wo);
-        let side = (ng.dot(wo) & F::splat(-0.0)) | F::ONE;
-        let ng = ng * side;
-        let ns = V3::gather(eight(|lane| points[lane].ns)).normalize_or(ng * side) * side;
-        let n = shading_normal::consistent(ng, ns, wo);
+        let (ng, ns) = (V3::gather(eight(|lane| points[lane].ng)), V3::gather(eight(|lane| points[lane].ns)));
+        let (_, n) = shading_normal::facing(ng, ns, wo);
 
         let weight = bsdf.straight(n, wo, F::ONE, bodies).weight;
         let weight = V3::select(weight.is_finite(), weight, V3::ZERO);
@@ -114,7 +111,7 @@ impl ThinWalls {
         if at.depth <= 1 {
             rays.passed_wall.resize(rays.len, false);
         }
-        self.list(transport, rays.len, hits);
+        self.begin(transport, rays.len, hits, &|_| false, None);
         for wall in 0..MAX_WALLS {
             if self.walls.is_empty() {
                 return;
@@ -144,7 +141,7 @@ impl ThinWalls {
             self.walls.truncate(passing);
             self.trace_behind(transport, &rays.rays, hits);
             back_faces.pass(transport, self.walls.iter().map(|hit| hit.row), rays, hits);
-            self.keep_walls(transport, hits);
+            self.retain(|row| is_wall(transport, hits.mesh[row]));
         }
         for row in self.walls.iter().map(|hit| hit.row as usize) {
             hits.set_miss(row);
@@ -275,13 +272,6 @@ impl ThinWalls {
         self.passed.iter().copied()
     }
 
-    /// Lists the rows of rays that hit thin walls.
-    fn list(&mut self, transport: &Transport, len: usize, hits: &HitBatch) {
-        self.walls.clear();
-        let rows = (0..).zip(&hits.mesh[..len]).filter(|(_, mesh)| is_wall(transport, **mesh));
-        self.walls.extend(rows.map(|(row, _)| WallHit { row, again: false }));
-    }
-
     /// Eight listed hits from `first` on, and how many of them are valid. Spare lanes repeat the first one.
     fn group(&self, first: usize) -> ([WallHit; LANES], usize) {
         let n = LANES.min(self.walls.len() - first);
@@ -304,17 +294,12 @@ impl ThinWalls {
             hits.replace(to, more, from);
         }
     }
-
-    /// Keeps the listed rays that have hit another wall.
-    fn keep_walls(&mut self, transport: &Transport, hits: &HitBatch) {
-        self.walls.retain(|hit| is_wall(transport, hits.mesh[hit.row as usize]));
-    }
 }
 
 /// Replaces the hits of rays on walls that most paths pass by those behind.
 pub fn pass_most(transport: &Transport, rays: &RayBatch, hits: &mut HitBatch) {
     let mut walls = ThinWalls::default();
-    walls.list(transport, rays.len(), hits);
+    walls.begin(transport, rays.len(), hits, &|_| false, None);
     for _ in 0..MAX_WALLS {
         walls.walls.retain(|hit| {
             let row = hit.row as usize;
@@ -326,7 +311,7 @@ pub fn pass_most(transport: &Transport, rays: &RayBatch, hits: &mut HitBatch) {
             return;
         }
         walls.trace_behind(transport, rays, hits);
-        walls.keep_walls(transport, hits);
+        walls.retain(|row| is_wall(transport, hits.mesh[row]));
     }
 }
 

@@ -205,28 +205,16 @@ impl DeviceHandle {
         unsafe {
             let geometry = sys::rtcNewGeometry(self.0, sys::RTC_GEOMETRY_TYPE_TRIANGLE);
             sys::rtcSetGeometryTimeStepCount(geometry, steps.len() as u32);
-            for (step, vertices) in (0..).zip(steps) {
-                sys::rtcSetSharedGeometryBuffer(
-                    geometry,
-                    sys::RTC_BUFFER_TYPE_VERTEX,
-                    step,
-                    sys::RTC_FORMAT_FLOAT3,
-                    vertices.padded().as_ptr().cast(),
-                    0,
-                    size_of::<[f32; 3]>(),
-                    mesh.positions.len(),
-                );
+            // Elements are three numbers of four bytes.
+            let share = |kind, slot, format, data, count| {
+                sys::rtcSetSharedGeometryBuffer(geometry, kind, slot, format, data, 0, size_of::<[u32; 3]>(), count);
+            };
+            let (vertices, indices) = (sys::RTC_BUFFER_TYPE_VERTEX, sys::RTC_BUFFER_TYPE_INDEX);
+            for (step, positions) in (0..).zip(steps) {
+                let data = positions.padded().as_ptr().cast();
+                share(vertices, step, sys::RTC_FORMAT_FLOAT3, data, mesh.positions.len());
             }
-            sys::rtcSetSharedGeometryBuffer(
-                geometry,
-                sys::RTC_BUFFER_TYPE_INDEX,
-                0,
-                sys::RTC_FORMAT_UINT3,
-                mesh.indices.as_ptr().cast(),
-                0,
-                size_of::<[u32; 3]>(),
-                mesh.indices.len(),
-            );
+            share(indices, 0, sys::RTC_FORMAT_UINT3, mesh.indices.as_ptr().cast(), mesh.indices.len());
             if has_alpha {
                 sys::rtcSetGeometryEnableFilterFunctionFromArguments(geometry, true);
             }

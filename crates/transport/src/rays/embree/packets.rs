@@ -6,8 +6,9 @@ use std::mem::offset_of;
 
 use embree4_sys as sys;
 
-use super::committed::CommittedScene;
-use crate::rays::batch::{HitBatch, MISS, RayBatch};
+use super::committed::{CommittedScene, Placement};
+use crate::rays::batch::{HitBatch, MISS, NO_PRIMITIVE, RayBatch};
+use crate::scene::Primitive;
 
 /// How the rays of a packet are traversed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -42,10 +43,32 @@ impl<'a> QueryContext<'a> {
     fn new(committed: &'a CommittedScene, rays: &'a RayBatch) -> Self {
         Self { embree: sys::init_ray_query_context(), committed, keys: &rays.key }
     }
-}
 
-fn filter(committed: &CommittedScene) -> sys::RTCFilterFunctionN {
-    if committed.has_alpha { Some(filter_alpha) } else { None }
+    fn filter(&self) -> sys::RTCFilterFunctionN {
+        if self.committed.has_alpha { Some(filter_alpha) } else { None }
+    }
+
+    /// Arguments of queries for closest hits, which the context must outlive.
+    fn intersect(&mut self, flags: sys::RTCRayQueryFlags) -> sys::RTCIntersectArguments {
+        sys::RTCIntersectArguments {
+            flags,
+            feature_mask: sys::RTC_FEATURE_FLAG_ALL,
+            filter: self.filter(),
+            context: (&raw mut *self).cast(),
+            intersect: None,
+        }
+    }
+
+    /// Arguments of queries for any hit, which the context must outlive.
+    fn occluded(&mut self, flags: sys::RTCRayQueryFlags) -> sys::RTCOccludedArguments {
+        sys::RTCOccludedArguments {
+            flags,
+            feature_mask: sys::RTC_FEATURE_FLAG_ALL,
+            filter: self.filter(),
+            context: (&raw mut *self).cast(),
+            occluded: None,
+        }
+    }
 }
 
 /// Intersection filter: rejects the hits of a packet that fail the alpha test.
@@ -171,7 +194,7 @@ fn for_each_packet(rays: &RayBatch, n: usize, sorted: bool, mut packet: impl FnM
 const LEVELS: usize = sys::RTC_MAX_INSTANCE_LEVEL_COUNT as usize;
 
 macro_rules! packet_queries {
-    ($module:ident, $n:literal, $ray:ident, $hit:ident, $ray_hit:ident, $intersect:ident, $occluded:ident) => {
+    ($module:ident, $n:literal, $ray:ident, $ray_hit:ident, $intersect:ident, $occluded:ident) => {
         pub(super) mod $module {
             use super::*;
 
@@ -196,13 +219,7 @@ macro_rules! packet_queries {
 
             pub fn closest_hits(scene: &CommittedScene, rays: &RayBatch, coherence: Coherence, hits: &mut HitBatch) {
                 let mut context = QueryContext::new(scene, rays);
-                let mut args = sys::RTCIntersectArguments {
-                    flags: coherence.flags(),
-                    feature_mask: sys::RTC_FEATURE_FLAG_ALL,
-                    context: (&raw mut context).cast(),
-                    filter: filter(scene),
-                    intersect: None,
-                };
+                let mut args = context.intersect(coherence.flags());
                 let mut packet = sys::$ray_hit::default();
                 packet.ray.mask = [u32::MAX; $n];
                 for_each_packet(rays, $n, coherence == Coherence::Sorted, |rows, len| {
@@ -234,13 +251,7 @@ macro_rules! packet_queries {
 
             pub fn occluded(scene: &CommittedScene, rays: &RayBatch, coherence: Coherence, occluded: &mut [bool]) {
                 let mut context = QueryContext::new(scene, rays);
-                let mut args = sys::RTCOccludedArguments {
-                    flags: coherence.flags(),
-                    feature_mask: sys::RTC_FEATURE_FLAG_ALL,
-                    context: (&raw mut context).cast(),
-                    filter: filter(scene),
-                    occluded: None,
-                };
+                let mut args = context.occluded(coherence.flags());
                 let mut packet = sys::$ray { mask: [u32::MAX; $n], ..Default::default() };
                 for_each_packet(rays, $n, coherence == Coherence::Sorted, |rows, len| {
                     load_rays(&mut packet, rays, rows);
@@ -254,9 +265,9 @@ macro_rules! packet_queries {
     };
 }
 
-packet_queries!(wide16, 16, RTCRay16, RTCHit16, RTCRayHit16, rtcIntersect16, rtcOccluded16);
-packet_queries!(wide8, 8, RTCRay8, RTCHit8, RTCRayHit8, rtcIntersect8, rtcOccluded8);
-packet_queries!(wide4, 4, RTCRay4, RTCHit4, RTCRayHit4, rtcIntersect4, rtcOccluded4);
+packet_queries!(wide16, 16, RTCRay16, RTCRayHit16, rtcIntersect16, rtcOccluded16);
+packet_queries!(wide8, 8, RTCRay8, RTCRayHit8, rtcIntersect8, rtcOccluded8);
+packet_queries!(wide4, 4, RTCRay4, RTCRayHit4, rtcIntersect4, rtcOccluded4);
 
 /// Queries of single rays.
 pub(super) mod single {
@@ -281,13 +292,7 @@ pub(super) mod single {
 
     pub fn closest_hits(scene: &CommittedScene, rays: &RayBatch, hits: &mut HitBatch) {
         let mut context = QueryContext::new(scene, rays);
-        let mut args = sys::RTCIntersectArguments {
-            flags: sys::RTC_RAY_QUERY_FLAG_INCOHERENT,
-            feature_mask: sys::RTC_FEATURE_FLAG_ALL,
-            context: (&raw mut context).cast(),
-            filter: filter(scene),
-            intersect: None,
-        };
+        let mut args = context.intersect(sys::RTC_RAY_QUERY_FLAG_INCOHERENT);
         for i in 0..rays.len() {
             let mut one = sys::RTCRayHit { ray: ray(rays, i), ..Default::default() };
             one.hit.geomID = sys::RTC_INVALID_GEOMETRY_ID;
@@ -295,27 +300,18 @@ pub(super) mod single {
             // SAFETY: the scene is committed, `context` lives, the ray is aligned by its type.
             unsafe { sys::rtcIntersect1(scene.top.0, &raw mut one, &raw mut args) };
             let hit = one.hit;
-            if hit.geomID == sys::RTC_INVALID_GEOMETRY_ID {
-                hits.t[i] = f32::INFINITY;
-                (hits.instance[i], hits.mesh[i], hits.prim[i]) = (MISS, MISS, MISS);
-            } else {
-                let placement = scene.placement_of(hit.geomID, hit.instID[0]);
-                hits.t[i] = one.ray.tfar;
-                (hits.instance[i], hits.mesh[i], hits.prim[i]) = (placement.instance, placement.mesh, hit.primID);
+            let (mut t, mut primitive) = (f32::INFINITY, NO_PRIMITIVE);
+            if hit.geomID != sys::RTC_INVALID_GEOMETRY_ID {
+                let Placement { instance, mesh } = scene.placement_of(hit.geomID, hit.instID[0]);
+                (t, primitive) = (one.ray.tfar, Primitive { instance, mesh, prim: hit.primID });
             }
-            (hits.u[i], hits.v[i]) = (hit.u, hit.v);
+            hits.set(i, (t, hit.u, hit.v), primitive);
         }
     }
 
     pub fn occluded(scene: &CommittedScene, rays: &RayBatch, occluded: &mut [bool]) {
         let mut context = QueryContext::new(scene, rays);
-        let mut args = sys::RTCOccludedArguments {
-            flags: sys::RTC_RAY_QUERY_FLAG_INCOHERENT,
-            feature_mask: sys::RTC_FEATURE_FLAG_ALL,
-            context: (&raw mut context).cast(),
-            filter: filter(scene),
-            occluded: None,
-        };
+        let mut args = context.occluded(sys::RTC_RAY_QUERY_FLAG_INCOHERENT);
         for (i, occluded) in occluded.iter_mut().enumerate() {
             let mut one = ray(rays, i);
             // SAFETY: the scene is committed, `context` lives, the ray is aligned by its type.
