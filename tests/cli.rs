@@ -4,10 +4,10 @@ use std::fs;
 use std::io::Read;
 use std::process::{Command, Stdio};
 
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use crate::helpers::glb;
-use crate::helpers::gltf_parts::Parts;
+use crate::helpers::gltf_parts::{Parts, TRIANGLE};
 use crate::helpers::program::{self, Folder, Running, bismar, expect, names, read_json, run, says, stderr, stdout};
 
 /// A folder with a scene in it: one triangle, two cameras `a` and `b`, no light.
@@ -345,8 +345,8 @@ fn a_picture_compared_with_itself_has_no_difference_and_z_0() {
     for number in ["rel_mse", "rmse", "mae"] {
         assert_eq!(report[number], 0.0, "{number}");
     }
-    assert_eq!(report["bias"], serde_json::json!([0.0, 0.0, 0.0]));
-    assert_eq!(report["statistics"]["bias_z"], serde_json::json!([0.0, 0.0, 0.0]));
+    assert_eq!(report["bias"], json!([0.0, 0.0, 0.0]));
+    assert_eq!(report["statistics"]["bias_z"], json!([0.0, 0.0, 0.0]));
     assert_eq!(report["within"], true);
 }
 
@@ -446,26 +446,19 @@ fn a_study_is_handed_to_bismar_study_with_its_whole_line() {
 
 #[test]
 fn more_lights_than_memory_end_with_76_before_they_are_made() {
-    let folder = Folder::new();
     // A thousand emissive triangles in one point of a mesh, placed 200,000 times: 36 KB.
     const PLACES: usize = 200_000;
-    let positions = [[0.0_f32, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
-    let binary: Vec<u8> = positions.iter().flatten().flat_map(|x| x.to_le_bytes()).collect();
-    let indices: Vec<u8> = (0..3000).map(|i| (i % 3) as u8).collect();
-    let scene = serde_json::json!({
+    let mut data = glb::Data::default();
+    data.floats(&TRIANGLE, "VEC3");
+    data.accessor(&[0, 1, 2].repeat(1000), 5121, 3000, "SCALAR");
+    data.accessors.push(json!({ "componentType": 5126, "count": PLACES, "type": "VEC3" }));
+    let scene = data.file(json!({
         "asset": { "version": "2.0" }, "scenes": [{ "nodes": [0] }],
         "nodes": [{ "mesh": 0, "extensions": { "EXT_mesh_gpu_instancing": { "attributes": { "TRANSLATION": 2 } } } }],
         "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0 }, "indices": 1, "material": 0 }] }],
         "materials": [{ "emissiveFactor": [1, 1, 1] }],
-        "accessors": [
-            { "bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3" },
-            { "bufferView": 1, "componentType": 5121, "count": 3000, "type": "SCALAR" },
-            { "componentType": 5126, "count": PLACES, "type": "VEC3" },
-        ],
-        "bufferViews": [{ "buffer": 0, "byteLength": 36 }, { "buffer": 0, "byteOffset": 36, "byteLength": 3000 }],
-        "buffers": [{ "byteLength": 3036 }],
-    });
-    fs::write(folder.join("scene.glb"), glb::file(&scene, &[binary, indices].concat())).unwrap();
+    }));
+    let folder = Folder::new().with("scene.glb", scene);
     for limit in ["2G", "20G"] {
         says(
             &folder,

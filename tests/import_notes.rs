@@ -3,6 +3,7 @@
 use bismar::scene::import::{ImportOptions, NoteKind, import};
 use bismar::scene::{PunctualKind, Scene, TextureSlot};
 
+use crate::helpers::glb;
 use crate::helpers::gltf_parts::{Parts, TRIANGLE, check_scene, floats, scene_file};
 use crate::import_content::{accessor, with};
 
@@ -137,25 +138,16 @@ fn a_fault_in_a_file_that_shows_nothing_is_an_error() {
     assert!(error.to_string().contains("accessors[0]"), "{error}");
 }
 
-fn png() -> Vec<u8> {
-    let mut png = std::io::Cursor::new(Vec::new());
-    image::RgbImage::from_fn(64, 64, |x, y| image::Rgb([x as u8, y as u8, (x * y) as u8]))
-        .write_to(&mut png, image::ImageFormat::Png)
-        .unwrap();
-    png.into_inner()
-}
-
 #[test]
 fn a_picture_that_cannot_be_used_leaves_the_factor() {
-    let good = png();
-    let mut damaged = good.clone();
-    damaged.truncate(good.len() / 2);
+    let good = glb::png(image::RgbImage::from_fn(64, 64, |x, y| image::Rgb([x as u8, y as u8, (x * y) as u8])));
+    let damaged = &good[..good.len() / 2];
     let primitive = r#"{"attributes":{"POSITION":0,"NORMAL":0,"TEXCOORD_0":1},"material":0}"#;
     let more = r#","materials":[{"normalTexture":{"index":0},"pbrMetallicRoughness":{"baseColorTexture":{"index":1}}}],
         "textures":[{"source":0},{"source":1}],"images":[{"uri":"bad.png","mimeType":"image/avif"},{"uri":"good.png"}]"#;
     let mut parts = with(floats(&[0.0, 0.0, 1.0, 0.0, 0.0, 1.0]), &accessor(36, 5126, 3, "VEC2", false), primitive);
     parts.more = more.into();
-    for bad in [None, Some(&damaged[..]), Some(b"\x89PNG damaged"), Some(b"GIF89a"), Some(b"")] {
+    for bad in [None, Some(damaged), Some(b"\x89PNG damaged"), Some(b"GIF89a"), Some(b"")] {
         let (folder, path) = scene_file("scene.gltf", parts.json());
         std::fs::write(folder.path().join("good.png"), &good).unwrap();
         if let Some(bad) = bad {

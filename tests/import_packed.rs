@@ -71,21 +71,6 @@ impl Hills {
     }
 }
 
-/// Streams one after the other, at multiples of 4, with their places.
-#[derive(Default)]
-struct Binary {
-    bytes: Vec<u8>,
-}
-
-impl Binary {
-    fn add(&mut self, stream: &[u8]) -> (usize, usize) {
-        self.bytes.resize(self.bytes.len().next_multiple_of(4), 0);
-        let start = self.bytes.len();
-        self.bytes.extend(stream);
-        (start, stream.len())
-    }
-}
-
 fn document(accessors: Value, views: Value, buffers: Value, primitive: Value, required: &str) -> Value {
     json!({
         "asset": { "version": "2.0" }, "extensionsRequired": [required], "extensionsUsed": [required],
@@ -119,8 +104,7 @@ pub fn meshopt(extension: &str, version: u8, exponential: bool, sequence: bool) 
         true => codec::encode_index_sequence(&corners, encoding, &mut workspace).unwrap(),
         false => codec::encode_index_buffer(&corners, encoding, &mut workspace).unwrap(),
     };
-    let mut binary = Binary::default();
-    let (mut views, mut offset) = (Vec::new(), 0);
+    let (mut binary, mut views, mut offset) = (Vec::new(), Vec::new(), 0);
     let mode = if sequence { "INDICES" } else { "TRIANGLES" };
     let filter = if exponential { "EXPONENTIAL" } else { "NONE" };
     for (stream, count, stride, mode, filter) in [
@@ -128,7 +112,9 @@ pub fn meshopt(extension: &str, version: u8, exponential: bool, sequence: bool) 
         (normals, n, 4, "ATTRIBUTES", "OCTAHEDRAL"),
         (indices, corners.len(), 2, mode, "NONE"),
     ] {
-        let (start, length) = binary.add(&stream);
+        binary.resize(binary.len().next_multiple_of(4), 0);
+        let (start, length) = (binary.len(), stream.len());
+        binary.extend(stream);
         let mut view = json!({ "buffer": 1, "byteOffset": offset, "byteLength": count * stride, "extensions": {
             extension: { "buffer": 0, "byteOffset": start, "byteLength": length, "byteStride": stride, "count": count,
                 "mode": mode, "filter": filter } } });
@@ -144,7 +130,7 @@ pub fn meshopt(extension: &str, version: u8, exponential: bool, sequence: bool) 
         { "bufferView": 2, "componentType": 5123, "count": corners.len(), "type": "SCALAR" },
     ]);
     let buffers = json!([
-        { "byteLength": binary.bytes.len() },
+        { "byteLength": binary.len() },
         { "byteLength": offset, "extensions": { extension: { "fallback": true } } },
     ]);
     let primitive = json!({ "attributes": { "POSITION": 0, "NORMAL": 1 }, "indices": 2 });
@@ -152,7 +138,7 @@ pub fn meshopt(extension: &str, version: u8, exponential: bool, sequence: bool) 
     for list in ["extensionsRequired", "extensionsUsed"] {
         document[list] = json!([extension, "KHR_mesh_quantization"]);
     }
-    glb::file(&document, &binary.bytes)
+    glb::file(&document, &binary)
 }
 
 const DRACO: &str = "KHR_draco_mesh_compression";
