@@ -216,10 +216,7 @@ fn a_git_lfs_pointer_is_named_as_such() {
         assert!(text.contains("Git LFS pointer") && text.contains("git lfs pull") && text.contains(file), "{text}");
     };
     told("a.gltf", 65);
-    let json = Parts::default().json();
-    let start = json.find("\"data:").unwrap();
-    let end = start + 1 + json[start + 1..].find('"').unwrap() + 1;
-    write(&folder, &format!("{}\"a.bin\"{}", &json[..start], &json[end..]));
+    write(&folder, &Parts::default().json_with("a.bin"));
     told("a.bin", 65);
 }
 
@@ -235,12 +232,8 @@ fn a_scene_without_a_triangle_says_so() {
 fn lights_in_watts_are_told_by_the_picture() {
     let folder = Folder::new();
     let lit = |candela: f64| {
-        let more = format!(
-            r#","extensionsUsed":["KHR_lights_punctual"],
-            "extensions":{{"KHR_lights_punctual":{{"lights":[{{"type":"directional","intensity":{candela}}}]}}}}"#
-        );
-        let nodes = r#"[{"mesh":0,"extensions":{"KHR_lights_punctual":{"light":0}}}]"#.into();
-        write(&folder, &Parts { nodes, more, ..Default::default() }.json());
+        let light = format!(r#"{{"type":"directional","intensity":{candela}}}"#);
+        write(&folder, &Parts::of_light(&light).json());
     };
     let said = |flags: &str| expect(&folder, &format!("render a.gltf --size 16x12 --spp 2 {flags}"), 0);
     lit(683.0);

@@ -25,9 +25,8 @@ fn vertex_colours_are_clamped() {
 
 #[test]
 fn a_specular_factor_above_1_is_clamped() {
-    let more = r#","materials":[{"extensions":{"KHR_materials_specular":{"specularFactor":1.5}}}]"#.into();
-    let primitive = r#"{"attributes":{"POSITION":0},"material":0}"#.into();
-    let scene = noted(Parts { primitive, more, ..Default::default() }, NoteKind::Repaired, "clamped");
+    let parts = Parts::of_materials(r#"{"extensions":{"KHR_materials_specular":{"specularFactor":1.5}}}"#);
+    let scene = noted(parts, NoteKind::Repaired, "clamped");
     assert_eq!(scene.materials[0].specular, 1.0);
 }
 
@@ -43,18 +42,13 @@ fn names_and_numbers_that_the_specification_does_not_know_are_notes() {
 
 #[test]
 fn equal_cone_angles_make_a_spot_and_unknown_types_no_light() {
-    let lit = |light: &str| Parts {
-        nodes: r#"[{"mesh":0,"extensions":{"KHR_lights_punctual":{"light":0}}}]"#.into(),
-        more: format!(r#","extensions":{{"KHR_lights_punctual":{{"lights":[{light}]}}}}"#),
-        ..Default::default()
-    };
-    let spot = |angles: &str| lit(&format!(r#"{{"type":"spot","spot":{{{angles}}}}}"#));
+    let spot = |angles: &str| Parts::of_light(&format!(r#"{{"type":"spot","spot":{{{angles}}}}}"#));
     let scene = noted(spot(r#""innerConeAngle":0.5,"outerConeAngle":0.5"#), NoteKind::Repaired, "cone angles");
     assert_eq!(scene.lights[0].kind, PunctualKind::Spot { inner: 0.5, outer: 0.5 });
     for refused in [r#""innerConeAngle":0.6,"outerConeAngle":0.5"#, r#""outerConeAngle":0"#, r#""outerConeAngle":2"#] {
         assert!(spot(refused).import().is_err(), "{refused}");
     }
-    assert!(noted(lit(r#"{"type":"area"}"#), NoteKind::Ignored, "type").lights.is_empty());
+    assert!(noted(Parts::of_light(r#"{"type":"area"}"#), NoteKind::Ignored, "type").lights.is_empty());
 }
 
 #[test]
@@ -66,10 +60,7 @@ fn a_byte_order_mark_is_skipped() {
 
 #[test]
 fn a_backslash_separates_folders_unless_a_file_has_it_in_its_name() {
-    let json = Parts::default().json();
-    let (start, end) = (json.find("data:").unwrap(), json.find("\"}]}").unwrap());
-    let json = format!(r"{}sub\\data.bin{}", &json[..start], &json[end..]);
-    let (folder, path) = scene_file("scene.gltf", json);
+    let (folder, path) = scene_file("scene.gltf", Parts::default().json_with(r"sub\\data.bin"));
     let second = || {
         let imported = import(&path, &ImportOptions::default()).unwrap();
         assert!(imported.report.of_kind(NoteKind::Repaired).any(|n| n.at == "buffers[0].uri"));
