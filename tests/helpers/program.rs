@@ -56,11 +56,21 @@ pub fn program() -> &'static Path {
     assert_cmd::cargo::cargo_bin!("bismar")
 }
 
-/// The program in a folder, one thread, without what the surroundings say about threads and memory.
+/// The program in a folder, one thread, without what the surroundings say about threads, memory and arrays of tasks.
 pub fn bismar(folder: &Path) -> Command {
     let mut command = Command::new(program());
     command.current_dir(folder).env("BISMAR_THREADS", "1");
-    for name in ["SLURM_CPUS_PER_TASK", "SLURM_MEM_PER_NODE", "SLURM_MEM_PER_CPU", "SLURM_RESTART_COUNT"] {
+    for name in [
+        "SLURM_CPUS_PER_TASK",
+        "SLURM_MEM_PER_NODE",
+        "SLURM_MEM_PER_CPU",
+        "SLURM_RESTART_COUNT",
+        "SLURM_ARRAY_TASK_ID",
+        "SLURM_ARRAY_TASK_COUNT",
+        "SLURM_ARRAY_TASK_MAX",
+        "AWS_BATCH_JOB_ARRAY_INDEX",
+        "JOB_COMPLETION_INDEX",
+    ] {
         command.env_remove(name);
     }
     command
