@@ -41,32 +41,32 @@ fn settings(guiding: Choice) -> RenderSettings {
     RenderSettings { width: 36, height: 24, spp: Some(8), balance: Balance::Half, ..even }
 }
 
-/// A training sample that light comes from `wi` to a point of the hall's floor.
-fn training_sample(position: Vec3, wi: Vec3, found: f32) -> TrainingSample {
-    let (pdf, bsdf_pdf) = (0.2, 0.2);
-    TrainingSample {
-        position,
-        normal: Vec3::Y,
-        wi,
-        contribution: found,
-        weight: found * found,
-        pdf,
-        bsdf_pdf,
-        field_pdf: 0.0,
-        light_pdf: 0.0,
-        distance: f32::INFINITY,
-    }
-}
-
-/// Training samples all over the hall, toward directions that `toward` makes of random numbers.
+/// Training samples of light that comes to the hall's floor, from directions that `toward` makes of random numbers.
 fn training_samples(n: u32, toward: impl Fn(&mut SplitMix64) -> (Vec3, f32)) -> Vec<TrainingSample> {
     let mut random = SplitMix64(7);
     let one = |_| {
         let position = Vec3::new(6.0 * random.f32() - 3.0, 0.0, 6.0 * random.f32() - 3.0);
         let (wi, found) = toward(&mut random);
-        training_sample(position, wi, found)
+        TrainingSample {
+            position,
+            normal: Vec3::Y,
+            wi,
+            contribution: found,
+            weight: found * found,
+            pdf: 0.2,
+            bsdf_pdf: 0.2,
+            field_pdf: 0.0,
+            light_pdf: 0.0,
+            distance: f32::INFINITY,
+        }
     };
     (0..n).map(one).collect()
+}
+
+/// What is learned in a scene.
+fn learned_in(stage: &Stage, settings: &RenderSettings) -> GuidingLearner {
+    let unguided = transport(&stage.scene, settings);
+    learned(&stage.scene, settings, &unguided, &AtomicBool::new(false)).unwrap()
 }
 
 #[test]
@@ -183,8 +183,7 @@ fn a_field_of_lies_changes_no_mean() {
 fn a_field_that_was_learned_changes_no_mean_and_takes_noise_away() {
     let stage = Stage::new(cove(), Backend::Embree);
     let settings = settings(Choice::On);
-    let unguided = transport(&stage.scene, &settings);
-    let learned = learned(&stage.scene, &settings, &unguided, &AtomicBool::new(false)).unwrap();
+    let learned = learned_in(&stage, &settings);
     let means = compared(&stage, &settings, learned.field.as_ref().unwrap(), 60);
     assert!(means[0].z_to(&means[1]).abs() < 4.5, "{} {}", means[0].mean, means[1].mean);
     // Of 60 replicas each, a ratio of variances below 0.75 by chance alone is 1 in 7; that the field takes half is seen.
@@ -213,9 +212,7 @@ fn blinds(depth: f32, [outer, inner]: [f32; 2]) -> Arc<Scene> {
 /// The estimate for a room, and what `auto` has decided about it.
 fn estimated_and_decided(stage: &Stage) -> (f64, GuidingLearner) {
     let settings = |guiding| RenderSettings { width: 320, height: 240, spp: Some(64), ..settings(guiding) };
-    let unguided = transport(&stage.scene, &settings(Choice::Off));
-    let [estimated, decided] = [Choice::On, Choice::Auto]
-        .map(|guiding| learned(&stage.scene, &settings(guiding), &unguided, &AtomicBool::new(false)).unwrap());
+    let [estimated, decided] = [Choice::On, Choice::Auto].map(|guiding| learned_in(stage, &settings(guiding)));
     (estimated.stats.remaining.unwrap(), decided)
 }
 
@@ -264,9 +261,7 @@ fn rounds_learn_what_those_before_them_found_useless() {
     let stage = Stage::new(pendants(), Backend::Embree);
     let automatic = RenderSettings { width: 320, height: 240, spp: Some(64), ..settings(Choice::Auto) };
     let left = |seed: u32| {
-        let automatic = RenderSettings { seed, ..automatic.clone() };
-        let unguided = transport(&stage.scene, &automatic);
-        let learned = learned(&stage.scene, &automatic, &unguided, &AtomicBool::new(false)).unwrap();
+        let learned = learned_in(&stage, &RenderSettings { seed, ..automatic.clone() });
         assert!(learned.field.is_some(), "seed {seed}: {:?}", learned.stats);
         learned.stats.remaining.unwrap()
     };
@@ -338,9 +333,7 @@ fn a_field_is_no_larger_than_it_may_be() {
     let stage = Stage::new(hall(), Backend::Embree);
     for memory in [1 << 14, 1 << 19, 1 << 24] {
         let settings = RenderSettings { guiding_memory: Some(memory), ..settings(Choice::On) };
-        let unguided = transport(&stage.scene, &settings);
-        let learned = learned(&stage.scene, &settings, &unguided, &AtomicBool::new(false)).unwrap();
-        let bytes = learned.field.map_or(0, |field| field.bytes());
+        let bytes = learned_in(&stage, &settings).field.map_or(0, |field| field.bytes());
         assert!(bytes as u64 <= memory, "{bytes} of {memory}");
     }
 }
