@@ -153,8 +153,8 @@ pub fn polygon_irradiance(p: DVec3, corners: &[DVec3]) -> f64 {
     0.5 * sum.abs()
 }
 
-/// A floor of albedo 0.5, of which `eye` sees the origin, under an area light of radiance 10; what one of radiance 1 would
-/// give as irradiance.
+/// A floor of albedo 0.5, of which `eye` sees the origin, under an area light of radiance 10; and the irradiance there
+/// from one of radiance 1.
 pub fn floor_under_lamp(eye: Vec3) -> (Scene, f64) {
     let mut scene = Scene::default();
     rectangle(&mut scene, 0.0, [-5.0, 5.0], [-5.0, 5.0], true, lambert(0.5));
