@@ -11,7 +11,9 @@ use bismar::render::{Balance, Integrator, PixelFilter, RenderSettings};
 use bismar::scene::{Environment, Material, PunctualKind, Scene};
 use glam::{DVec3, Vec3};
 
-use crate::helpers::stage::{Stage, add, area_light, closed_box, lambert, look, metal, punctual, rectangle, sphere};
+use crate::helpers::stage::{
+    Stage, add, add_sphere, area_light, closed_box, lambert, look, metal, punctual, rectangle, sphere,
+};
 use crate::helpers::statistics::z_limit;
 
 pub const BALANCES: [Balance; 5] =
@@ -60,8 +62,7 @@ pub const BOTH: [Integrator; 2] = [Integrator::Direct, Integrator::Path];
 #[test]
 fn white_diffuse_sphere_vanishes_in_a_white_furnace() {
     let mut scene = Scene { environment: Some(Environment::constant([1.0; 3])), ..Default::default() };
-    let (points, indices) = sphere(12, 1.0, Vec3::ZERO);
-    add(&mut scene, points, indices, lambert(1.0));
+    add_sphere(&mut scene, 12, 1.0, Vec3::ZERO, lambert(1.0));
     look(&mut scene, Vec3::new(0.0, 0.5, 3.0), Vec3::ZERO, 0.3);
     agrees(scene, 1.0, &BOTH);
 }
@@ -273,16 +274,13 @@ fn interreflection_between_two_plates_is_the_geometric_series() {
 #[test]
 fn all_balances_and_backends_agree_on_a_glossy_scene_with_sky_lamp_and_indirect_light() {
     let mut scene = Scene::default();
-    let mut environment = Environment::constant([0.4; 3]);
-    (environment.width, environment.height) = (16, 8);
     let mut pixels = vec![[0.4; 3]; 128];
     pixels[20] = [60.0, 55.0, 50.0];
-    environment.pixels = pixels.into();
-    scene.environment = Some(environment);
+    let pixels = pixels.into();
+    scene.environment = Some(Environment { width: 16, height: 8, pixels, ..Environment::constant([0.4; 3]) });
     rectangle(&mut scene, 0.0, [-3.0, 3.0], [-3.0, 3.0], true, metal(0.5));
     rectangle(&mut scene, 1.5, [-0.4, 0.4], [-0.9, -0.3], false, area_light(6.0));
-    let (points, indices) = sphere(8, 0.4, Vec3::new(0.2, 0.4, 0.2));
-    add(&mut scene, points, indices, lambert(0.7));
+    add_sphere(&mut scene, 8, 0.4, Vec3::new(0.2, 0.4, 0.2), lambert(0.7));
     look(&mut scene, Vec3::new(0.0, 1.2, 3.0), Vec3::new(0.0, 0.2, 0.0), 0.5);
     let scene = Arc::new(scene);
     let reference = Stage::new(scene.clone(), Backend::Embree)

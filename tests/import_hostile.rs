@@ -9,6 +9,7 @@ use bismar::scene::import::Imported;
 
 use crate::helpers::glb;
 use crate::helpers::gltf_parts::{LONGEST, Parts, TRIANGLE, attempt, check_scene, floats, scene_file};
+use crate::import_content::{accessor, with};
 
 /// Imports a document; a panic or a long wait fails the test.
 fn import_json(document: &str) -> Result<Imported, Error> {
@@ -165,15 +166,8 @@ fn wrong_values_are_refused_with_their_place() {
         assert!(imported.report.notes.iter().any(|note| note.text.contains("not finite")));
     }
     let with_indices = |indices: &[u8]| {
-        let mut positions = floats(&TRIANGLE);
-        let n = indices.len();
-        positions.extend(indices);
-        let accessor = format!(
-            r#"{{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"}},
-            {{"bufferView":0,"byteOffset":36,"componentType":5121,"count":{n},"type":"SCALAR"}}"#
-        );
-        let primitive = r#"{"attributes":{"POSITION":0},"indices":1}"#.into();
-        Parts { positions, accessor, primitive, ..Default::default() }.import()
+        let accessor = accessor(36, 5121, indices.len(), "SCALAR", false);
+        with(indices.to_vec(), &accessor, r#"{"attributes":{"POSITION":0},"indices":1}"#).import()
     };
     assert_eq!(with_indices(&[0, 1, 2, 2, 1, 0]).unwrap().report.counts.triangles, 2);
     refused(with_indices(&[0, 1, 3]), &["accessors[1]", "below 3", "3 as number 2"]);
