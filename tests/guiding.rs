@@ -20,15 +20,14 @@ use glam::{DVec3, Vec3};
 use crate::helpers::stage::{Stage, add, area_light, closed_box, glass_hall, hall, lambert, look, rectangle};
 use crate::helpers::statistics::Mean;
 
+fn plaster() -> Material {
+    Material { double_sided: true, ..lambert(0.7) }
+}
+
 /// A box with an area light above a thin shelf: all that the camera sees is lit by the ceiling.
 fn cove() -> Arc<Scene> {
     let mut scene = Scene::default();
-    closed_box(
-        &mut scene,
-        Vec3::new(-2.0, 0.0, -2.0),
-        Vec3::new(2.0, 2.5, 2.0),
-        Material { double_sided: true, ..lambert(0.7) },
-    );
+    closed_box(&mut scene, Vec3::new(-2.0, 0.0, -2.0), Vec3::new(2.0, 2.5, 2.0), plaster());
     rectangle(&mut scene, 2.0, [-0.8, 0.8], [-2.0, -1.2], true, lambert(0.6));
     rectangle(&mut scene, 1.99, [-0.8, 0.8], [-2.0, -1.2], false, lambert(0.6));
     rectangle(&mut scene, 2.05, [-0.3, 0.3], [-1.8, -1.5], true, area_light(40.0));
@@ -196,7 +195,6 @@ fn a_field_that_was_learned_changes_no_mean_and_takes_noise_away() {
 /// of their own, outside and inside.
 fn blinds(depth: f32, [outer, inner]: [f32; 2]) -> Arc<Scene> {
     let mut scene = Scene::default();
-    let plaster = || Material { double_sided: true, ..lambert(0.7) };
     closed_box(&mut scene, Vec3::new(-2.0, 0.0, -2.0), Vec3::new(2.0, 2.5, 2.0), plaster());
     for slat in 0..25 {
         let (inner, outer, x) = (0.1 * slat as f32 + inner, 0.1 * slat as f32 + outer, 1.3 + depth);
@@ -238,7 +236,6 @@ fn a_room_that_only_the_estimate_would_guide_is_not() {
 /// A room with twelve bulbs, each in an opaque shade that is open below: every surface sees few of them.
 fn pendants() -> Arc<Scene> {
     let mut scene = Scene::default();
-    let plaster = || Material { double_sided: true, ..lambert(0.7) };
     closed_box(&mut scene, Vec3::new(-3.2, 0.0, -3.6), Vec3::new(3.2, 2.8, 3.6), plaster());
     let corners = |y: f64, half: f64| {
         [[-half, -half], [half, -half], [half, half], [-half, half]].map(|[x, z]| DVec3::new(x, y, z))

@@ -7,7 +7,7 @@ use bismar::Error;
 use bismar::rays::{self, Backend};
 use bismar::scene::import::Imported;
 
-use crate::helpers::glb;
+use crate::helpers::glb::{self, BIN, JSON, container};
 use crate::helpers::gltf_parts::{LONGEST, Parts, TRIANGLE, attempt, check_scene, floats, scene_file};
 use crate::import_content::{accessor, with};
 
@@ -304,21 +304,6 @@ fn what_is_no_scene_file_is_refused() {
     refused(in_time(Path::new("/dev/zero")), &["not a regular file"]);
     assert_eq!(in_time(&folder.path().join("nothing.gltf")).unwrap_err().exit_code(), 66);
 }
-
-/// A GLB of chunks (type, bytes), whatever they are.
-fn container(chunks: &[(u32, &[u8])]) -> Vec<u8> {
-    let length = 12 + chunks.iter().map(|(_, bytes)| 8 + bytes.len()).sum::<usize>();
-    let mut out = b"glTF".to_vec();
-    out.extend([2, length as u32].iter().flat_map(|x| x.to_le_bytes()));
-    for (kind, bytes) in chunks {
-        out.extend([bytes.len() as u32, *kind].iter().flat_map(|x| x.to_le_bytes()));
-        out.extend(*bytes);
-    }
-    out
-}
-
-const JSON: u32 = 0x4E4F_534A;
-const BIN: u32 = 0x004E_4942;
 
 #[test]
 fn the_small_glb_uses_all_that_it_has() {

@@ -187,19 +187,26 @@ pub fn thicket(triangles: u32) -> Vec<u8> {
     }))
 }
 
+/// Types of chunks.
+pub const JSON: u32 = 0x4E4F_534A;
+pub const BIN: u32 = 0x004E_4942;
+
 pub fn file(document: &Value, binary: &[u8]) -> Vec<u8> {
     let mut text = document.to_string().into_bytes();
     text.resize(text.len().next_multiple_of(4), b' ');
-
-    let mut file = b"glTF".to_vec();
     let mut binary = binary.to_vec();
     binary.resize(binary.len().next_multiple_of(4), 0);
-    let total = 12 + 8 + text.len() + 8 + binary.len();
-    file.extend([2, total as u32].into_iter().flat_map(u32::to_le_bytes));
-    for (kind, chunk) in [(b"JSON", &text), (b"BIN\0", &binary)] {
-        file.extend((chunk.len() as u32).to_le_bytes());
-        file.extend(kind);
-        file.extend(chunk);
+    container(&[(JSON, &text[..]), (BIN, &binary[..])])
+}
+
+/// A file of chunks (type, bytes), whatever they are.
+pub fn container(chunks: &[(u32, &[u8])]) -> Vec<u8> {
+    let length = 12 + chunks.iter().map(|(_, bytes)| 8 + bytes.len()).sum::<usize>();
+    let mut out = b"glTF".to_vec();
+    out.extend([2, length as u32].iter().flat_map(|x| x.to_le_bytes()));
+    for (kind, bytes) in chunks {
+        out.extend([bytes.len() as u32, *kind].iter().flat_map(|x| x.to_le_bytes()));
+        out.extend(*bytes);
     }
-    file
+    out
 }
