@@ -14,7 +14,7 @@ use bismar::scene::Scene;
 use glam::Vec3;
 
 use crate::helpers::program::{Folder, expect, read_json, says};
-use crate::helpers::stage::{Stage, add, area_light, lambert, look, metal, rectangle, sphere};
+use crate::helpers::stage::{Stage, add_sphere, area_light, lambert, look, metal, rectangle};
 use crate::helpers::statistics::Mean;
 
 /// A matt floor below two area lights next to a polished one that shows them, and a wide black border: noise of three kinds.
@@ -109,8 +109,8 @@ fn silhouettes_of_lights_have_a_fraction_of_the_error_and_the_same_means() {
     let mut scene = Scene::default();
     rectangle(&mut scene, 0.0, [-1.0, 1.0], [-1.0, 1.0], true, lambert(0.05));
     for i in 0..5 {
-        let (points, indices) = sphere(12, 0.12, Vec3::new(0.36 * i as f32 - 0.72, 0.2 + 0.07 * i as f32, 0.0));
-        add(&mut scene, points, indices, area_light(60.0));
+        let center = Vec3::new(0.36 * i as f32 - 0.72, 0.2 + 0.07 * i as f32, 0.0);
+        add_sphere(&mut scene, 12, 0.12, center, area_light(60.0));
     }
     look(&mut scene, Vec3::new(0.0, 2.2, 2.4), Vec3::new(0.0, 0.0, -0.1), 1.2);
     let stats = compare(Arc::new(scene), 100, 0.5, Balance::Half);

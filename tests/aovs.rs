@@ -6,7 +6,6 @@ use bismar::film::{Aov, AovSums, ExtraSums, PixelStats, Pixels, exr_file};
 use bismar::rays::Backend;
 use bismar::render::{Balance, Choice, LightGroups, RenderSettings, Rendered, Technique};
 use bismar::scene::{Environment, Material, PunctualKind, PunctualLight, Scene};
-use exr::image::FlatSamples;
 use glam::{Vec3, Vec4};
 
 use crate::helpers::gltf_parts::{data_uri, floats};
@@ -15,11 +14,7 @@ use crate::helpers::program::{Folder, bits, channel, expect, scene};
 use crate::helpers::stage::{Stage, area_light, lambert, look, metal, punctual, rectangle};
 use crate::import_content::{accessor, with};
 
-fn rendered(scene: Scene, balance: Balance) -> Rendered {
-    rendered_by(scene, balance, Choice::Off)
-}
-
-fn rendered_by(scene: Scene, balance: Balance, adaptive: Choice) -> Rendered {
+fn rendered(scene: Scene, balance: Balance, adaptive: Choice) -> Rendered {
     let stage = Stage::new(Arc::new(scene), Backend::Embree);
     let settings = RenderSettings {
         width: 24,
@@ -34,12 +29,8 @@ fn rendered_by(scene: Scene, balance: Balance, adaptive: Choice) -> Rendered {
     stage.render(&settings)
 }
 
-fn each(rendered: &Rendered, mut check: impl FnMut(PixelStats, AovSums, ExtraSums)) {
-    each_lit(rendered, |stats, sums, extras, _| check(stats, sums, extras));
-}
-
 /// The last argument is light by kind.
-fn each_lit(rendered: &Rendered, mut check: impl FnMut(PixelStats, AovSums, ExtraSums, [[f32; 3]; 3])) {
+fn each(rendered: &Rendered, mut check: impl FnMut(PixelStats, AovSums, ExtraSums, [[f32; 3]; 3])) {
     let pixels = rendered.pixels();
     for (x, y) in (0..16).flat_map(|y| (0..24).map(move |x| (x, y))) {
         let (stats, sums) = pixels.at(x, y);
@@ -48,11 +39,7 @@ fn each_lit(rendered: &Rendered, mut check: impl FnMut(PixelStats, AovSums, Extr
 }
 
 /// A floor under an area light, a bulb and an environment.
-fn lit() -> Scene {
-    lit_by(9.0)
-}
-
-fn lit_by(radiance: f32) -> Scene {
+fn lit(radiance: f32) -> Scene {
     let mut scene = Scene { environment: Some(Environment::constant([0.3, 0.2, 0.1])), ..Default::default() };
     rectangle(&mut scene, 0.0, [-3.0, 3.0], [-3.0, 3.0], true, lambert(0.6));
     rectangle(&mut scene, 2.0, [-0.4, 0.4], [-0.9, -0.3], false, area_light(radiance));
@@ -73,13 +60,13 @@ fn groups_of_light_and_direct_and_indirect_light_add_up_to_the_beauty() {
         (Balance::Progressive, 900.0, Choice::On, 0.0),
         (Balance::Progressive, 900.0, Choice::On, 0.3),
     ] {
-        let mut scene = lit_by(radiance);
+        let mut scene = lit(radiance);
         scene.lights[0].size = size;
-        let rendered = rendered_by(scene, balance, adaptive);
+        let rendered = rendered(scene, balance, adaptive);
         let found = rendered.stats.techniques[Technique::Adaptive].and_then(|adaptive| adaptive.emission_rays);
         assert_eq!(found > Some(0.0), adaptive == Choice::On);
         let mut by_group = [0.0; 3];
-        each_lit(&rendered, |stats, sums, _, lights| {
+        each(&rendered, |stats, sums, _, lights| {
             for c in 0..3 {
                 let all: f32 = lights.iter().map(|light| light[c]).sum();
                 let beauty = stats.sum[c] as f32;
@@ -99,7 +86,7 @@ fn groups_of_light_and_direct_and_indirect_light_add_up_to_the_beauty() {
 fn emission_is_the_lamps_own_and_position_is_where_the_ray_ends() {
     let eye = Vec3::new(0.0, 1.2, 4.0);
     let (mut seen, mut near) = (0, 0);
-    each(&rendered(lit(), Balance::Half), |stats, sums, extras| {
+    each(&rendered(lit(9.0), Balance::Half, Choice::Off), |stats, sums, extras, _| {
         let share = extras.emission[1] / (9.0 * stats.samples as f32);
         seen += u32::from(share > 0.0);
         assert!((0.0..=1.0).contains(&share), "{share}");
@@ -127,7 +114,7 @@ fn a_denoisers_guides_are_what_a_mirror_shows() {
     rectangle(&mut scene, 0.0, [-5.0, 5.0], [-5.0, 5.0], true, colored(metal(0.0), 0.9, 0.8, 0.7));
     rectangle(&mut scene, 3.0, [-90.0, 90.0], [-90.0, 90.0], false, colored(lambert(0.5), 0.5, 0.1, 0.1));
     look(&mut scene, Vec3::new(0.0, 2.0, 0.0), Vec3::ZERO, 0.5);
-    each(&rendered(scene, Balance::Progressive), |stats, sums, extras| {
+    each(&rendered(scene, Balance::Progressive, Choice::Off), |stats, sums, extras, _| {
         let n = stats.samples as f32;
         let close = |sum: [f32; 3], expected: [f32; 3]| {
             sum.iter().zip(expected).for_each(|(a, b)| assert!((a / n - b).abs() < 1e-3, "{sum:?} {expected:?} {n}"));
@@ -181,17 +168,15 @@ fn every_layer_of_a_picture_of_one_path_is_finite() {
 
 #[test]
 fn the_balance_layer_holds_the_light_shares_of_the_next_pass() {
-    let rendered = rendered(lit(), Balance::SecondOrder);
+    let rendered = rendered(lit(9.0), Balance::SecondOrder, Choice::Off);
     let folder = Folder::new();
     let path = folder.join("a.exr");
     exr_file::write(&path, &rendered.pixels(), &[Aov::Balance], &exr_file::Header::new(), None).unwrap();
-    let image = exr::prelude::read_first_flat_layer_from_file(&path).unwrap();
-    let channel = image.layer_data.channel_data.list.iter().find(|c| c.name.to_string() == "balance.V").unwrap();
-    let FlatSamples::F32(written) = &channel.sample_data else { panic!("shares are not floats") };
+    let written = channel(&path, "balance.V");
     let pixels = rendered.pixels();
     let learned: Vec<_> =
         (0..16).flat_map(|y| (0..24).map(move |x| (x, y))).map(|(x, y)| pixels.light_share(x, y)).collect();
-    assert_eq!(*written, learned);
+    assert_eq!(written, learned);
     assert!(learned.iter().filter(|share| **share != 0.5).count() > 100);
 }
 

@@ -4,12 +4,10 @@ use std::fmt::Write;
 use std::fs;
 use std::path::Path;
 use std::process::{Child, Stdio};
-use std::thread;
-use std::time::Duration;
 
 use serde_json::Value;
 
-use crate::helpers::farm::{kill, workers};
+use crate::helpers::farm::{kill, until, until_alive, workers};
 use crate::helpers::glb;
 use crate::helpers::program::{
     Folder, Running, assert_same_bits, bismar, expect, names, read_json, says, scene, signal, stdout,
@@ -98,12 +96,8 @@ fn a_job_whose_settings_or_scene_have_changed_is_rendered_anew() {
 
 #[test]
 fn an_interrupted_batch_goes_on_to_the_same_pictures() {
-    let path = &Folder::new().with_scene("scene.glb", "cornell.glb");
-    fs::write(
-        path.join("jobs.toml"),
-        "[[matrix]]\nscene = 'scene.glb'\nsize = '64x48'\nspp = 256\nseed = [1, 2, 3]\ncheckpoint = 0.1\n",
-    )
-    .unwrap();
+    let jobs = "[[matrix]]\nscene = 'scene.glb'\nsize = '64x48'\nspp = 256\nseed = [1, 2, 3]\ncheckpoint = 0.1\n";
+    let path = &Folder::new().with_scene("scene.glb", "cornell.glb").with("jobs.toml", jobs);
     let mut batch = Running::start(path, "batch jobs.toml");
     batch.until("scene-1: 256 spp");
     assert_eq!(batch.end("-TERM").0, Some(75));
@@ -128,9 +122,8 @@ fn an_interrupted_batch_goes_on_to_the_same_pictures() {
 
 #[test]
 fn a_dry_run_says_what_would_be_done_and_does_nothing() {
-    let path = &Folder::new().with("scene.glb", glb::triangle());
-    fs::write(path.join("jobs.toml"), "[[matrix]]\nscene = 'scene.glb'\nspp = 1\nsize = '8x8'\ncamera = ['a', 'b']\n")
-        .unwrap();
+    let jobs = "[[matrix]]\nscene = 'scene.glb'\nspp = 1\nsize = '8x8'\ncamera = ['a', 'b']\n";
+    let path = &Folder::new().with("scene.glb", glb::triangle()).with("jobs.toml", jobs);
     expect(path, "render scene.glb --spp 1 --size 8x8 --camera b -o scene-b.exr -q", 0);
     let before = names(path);
     let text = stdout(path, "batch jobs.toml --dry-run", 0);
@@ -140,12 +133,8 @@ fn a_dry_run_says_what_would_be_done_and_does_nothing() {
 
 #[test]
 fn only_some_jobs_are_done_and_the_report_keeps_the_others() {
-    let path = &Folder::new();
-    for name in ["one", "two"] {
-        fs::write(path.join(format!("{name}.glb")), glb::triangle()).unwrap();
-    }
-    fs::write(path.join("jobs.toml"), "[[matrix]]\nscene = '*.glb'\nspp = 1\nsize = [[8, 8]]\ncamera = ['a', 'b']\n")
-        .unwrap();
+    let jobs = "[[matrix]]\nscene = '*.glb'\nspp = 1\nsize = [[8, 8]]\ncamera = ['a', 'b']\n";
+    let path = &Folder::new().with("one.glb", glb::triangle()).with("two.glb", glb::triangle()).with("jobs.toml", jobs);
     says(path, "batch jobs.toml --only three-*", 64, "no job's name matches; the jobs are one-8x8-a, one-8x8-b");
     let counts = |report: &Value| [&report["done"], &report["before"]].map(|n| n.as_u64().unwrap());
     expect(path, "batch jobs.toml -q --only *-b", 0);
@@ -164,14 +153,9 @@ fn only_some_jobs_are_done_and_the_report_keeps_the_others() {
 
 #[test]
 fn a_dry_run_prints_commands_that_a_shell_takes() {
-    let path = &Folder::new();
     let odd = "a 'b' $(c).glb";
-    fs::write(path.join(odd), glb::triangle()).unwrap();
-    fs::write(
-        path.join("jobs.toml"),
-        format!("[[job]]\nscene = \"{odd}\"\nspp = 1\nsize = [8, 8]\naov = ['depth', 'normal']\n"),
-    )
-    .unwrap();
+    let jobs = format!("[[job]]\nscene = \"{odd}\"\nspp = 1\nsize = [8, 8]\naov = ['depth', 'normal']\n");
+    let path = &Folder::new().with(odd, glb::triangle()).with("jobs.toml", jobs);
     let text = stdout(path, "batch jobs.toml --dry-run", 0);
     let command = text.lines().nth(1).unwrap().trim().strip_prefix("bismar").unwrap();
     let line = format!("'{}'{command} -q", crate::helpers::program::program().display());
@@ -200,34 +184,30 @@ fn mistakes_in_the_file_exit_with_78_and_their_place() {
 }
 
 /// Six short jobs, and in the middle of them one that takes hours.
-fn with_an_endless_job(folder: &Path) {
-    fs::write(folder.join("scene.glb"), glb::triangle()).unwrap();
+fn with_an_endless_job() -> Folder {
     let file = "[defaults]\nscene = 'scene.glb'\nsize = '24x18'\nspp = 4\n\n[[matrix]]\nseed = [1, 2, 3]\n\n[[job]]\n\
                 name = 'endless'\nsize = '64x48'\nspp = 1_000_000_000\n\n[[matrix]]\nseed = [4, 5, 6]\n";
-    fs::write(folder.join("jobs.toml"), file).unwrap();
+    Folder::new().with("scene.glb", glb::triangle()).with("jobs.toml", file)
 }
 
 /// Waits until the endless job has begun so often, as long as the batch lives; the process that renders it.
 #[track_caller]
 fn worker_of_endless(folder: &Path, batch: &mut Child, begun: usize) -> u32 {
-    loop {
+    let id = batch.id();
+    let mut found = Vec::new();
+    until_alive(batch, || {
         let events = fs::read_to_string(folder.join("events.jsonl")).unwrap_or_default();
         let of_endless = |line: &&str| line.contains("job-begins") && line.contains("endless");
-        if events.lines().filter(of_endless).count() == begun
-            && let [worker] = workers(batch.id())[..]
-        {
-            return worker;
-        }
-        assert!(batch.try_wait().unwrap().is_none(), "it has ended by itself:\n{events}");
-        thread::sleep(Duration::from_millis(5));
-    }
+        found = workers(id);
+        events.lines().filter(of_endless).count() == begun && found.len() == 1
+    });
+    found[0]
 }
 
 #[test]
 fn a_job_that_takes_its_process_along_takes_no_other_job() {
     for (flags, begun) in [("--jobs 2", 2), ("--isolate", 1)] {
-        let path = &Folder::new();
-        with_an_endless_job(path);
+        let path = &with_an_endless_job();
         let line = format!("batch jobs.toml -q --events events.jsonl {flags}");
         let mut batch = bismar(path).args(line.split(' ')).stdout(Stdio::null()).spawn().unwrap();
         // Where jobs share a process, those that were at work when it died are tried again alone.
@@ -249,16 +229,13 @@ fn a_job_that_takes_its_process_along_takes_no_other_job() {
 
 #[test]
 fn a_killed_batch_takes_its_processes_along_and_the_next_one_accounts_for_all() {
-    let path = &Folder::new();
-    with_an_endless_job(path);
+    let path = &with_an_endless_job();
     let mut batch = bismar(path).args(["batch", "jobs.toml", "-q", "--events", "events.jsonl"]).spawn().unwrap();
     let worker = worker_of_endless(path, &mut batch, 1);
     batch.kill().unwrap();
     batch.wait().unwrap();
     // Of a process that nobody waits for the number may stay, but no words.
-    while !fs::read(format!("/proc/{worker}/cmdline")).unwrap_or_default().is_empty() {
-        thread::sleep(Duration::from_millis(5));
-    }
+    until(|| fs::read(format!("/proc/{worker}/cmdline")).unwrap_or_default().is_empty());
     let text = fs::read_to_string(path.join("jobs.toml")).unwrap().replace("1_000_000_000", "4");
     fs::write(path.join("jobs.toml"), text).unwrap();
     expect(path, "batch jobs.toml -q", 0);
@@ -269,8 +246,7 @@ fn a_killed_batch_takes_its_processes_along_and_the_next_one_accounts_for_all() 
 /// A job that needs more than the limit fails with 76 before it begins, and the process that renders the others is held to it.
 #[test]
 fn jobs_are_refused_and_held_by_the_memory_limit() {
-    let path = &Folder::new();
-    with_an_endless_job(path);
+    let path = &with_an_endless_job();
     let file = fs::read_to_string(path.join("jobs.toml")).unwrap();
     let file = file.replace("spp = 1_000_000_000", "spp = 1_000_000_000\ncheckpoint = 0.05");
     fs::write(path.join("jobs.toml"), format!("{file}\n[[job]]\nname = 'large'\nsize = '8000x8000'\n")).unwrap();
@@ -292,10 +268,7 @@ fn jobs_are_refused_and_held_by_the_memory_limit() {
     let mut batch = only("endless").spawn().unwrap();
     let worker = worker_of_endless(path, &mut batch, 1);
     // Once something is saved, it renders.
-    while !path.join("endless.exr").exists() {
-        assert!(batch.try_wait().unwrap().is_none(), "it has ended by itself");
-        thread::sleep(Duration::from_millis(5));
-    }
+    until_alive(&mut batch, || path.join("endless.exr").exists());
     let limits = fs::read_to_string(format!("/proc/{worker}/limits")).unwrap();
     let data = limits.lines().find_map(|line| line.strip_prefix("Max data size")).unwrap();
     // Stacks of threads count as mapped.

@@ -14,10 +14,20 @@ fn settings() -> RenderSettings {
     RenderSettings { width: 50, height: 37, spp: Some(40), aovs: true, ..RenderSettings::even() }
 }
 
-/// Everything about a pixel, as text that differs when a bit differs.
-fn pixel(rendered: &Rendered, x: u32, y: u32) -> String {
+/// Everything about the pixels of a window, each as text that differs when a bit differs.
+fn pixels(rendered: &Rendered, [x0, y0, x1, y1]: [u32; 4]) -> Vec<String> {
     let pixels = rendered.pixels();
-    format!("{:?} {}", pixels.at(x, y), pixels.light_share(x, y))
+    let text = |(x, y)| format!("{x} {y} {:?} {}", pixels.at(x, y), pixels.light_share(x, y));
+    (y0..y1).flat_map(|y| (x0..x1).map(move |x| (x, y))).map(text).collect()
+}
+
+const WHOLE: [u32; 4] = [0, 0, 50, 37];
+
+#[track_caller]
+fn assert_same_bits(a: &Rendered, b: &Rendered, window: [u32; 4], what: &str) {
+    for (a, b) in pixels(a, window).iter().zip(&pixels(b, window)) {
+        assert_eq!(a, b, "{what}");
+    }
 }
 
 #[test]
@@ -31,11 +41,7 @@ fn any_number_of_threads_gives_the_same_bits() {
                 let one = stage.render_on(1, &settings);
                 for threads in [2, 7] {
                     let other = stage.render_on(threads, &settings);
-                    for y in 0..37 {
-                        for x in 0..50 {
-                            assert_eq!(pixel(&one, x, y), pixel(&other, x, y), "{backend:?} {balance:?} {threads}");
-                        }
-                    }
+                    assert_same_bits(&one, &other, WHOLE, &format!("{backend:?} {balance:?} {threads}"));
                 }
             }
         }
@@ -51,11 +57,7 @@ fn a_crop_has_the_bits_of_the_whole() {
         let whole = stage.render_on(2, &settings);
         for crop in [[0, 0, 1, 1], [13, 9, 34, 33], [49, 36, 50, 37]] {
             let part = stage.render_on(2, &RenderSettings { crop: Some(crop), ..settings.clone() });
-            for y in crop[1]..crop[3] {
-                for x in crop[0]..crop[2] {
-                    assert_eq!(pixel(&whole, x, y), pixel(&part, x, y), "{crop:?} {x} {y}");
-                }
-            }
+            assert_same_bits(&whole, &part, crop, &format!("{crop:?}"));
         }
     }
 }
@@ -66,11 +68,8 @@ fn seeds_differ() {
     let a = stage.render_on(2, &settings());
     let b = stage.render_on(2, &RenderSettings { seed: 1, ..settings() });
     // The lower rows show the floor, where no pixel is without noise.
-    for y in 25..37 {
-        for x in 0..50 {
-            assert_ne!(pixel(&a, x, y), pixel(&b, x, y));
-        }
-    }
+    let floor = [0, 25, 50, 37];
+    assert!(pixels(&a, floor).iter().zip(&pixels(&b, floor)).all(|(a, b)| a != b));
 }
 
 #[test]

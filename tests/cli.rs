@@ -2,13 +2,16 @@
 
 use std::fs;
 use std::io::Read;
+use std::path::Path;
 use std::process::{Command, Stdio};
 
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use crate::helpers::glb;
-use crate::helpers::gltf_parts::Parts;
-use crate::helpers::program::{self, Folder, Running, bismar, expect, names, read_json, run, says, stderr, stdout};
+use crate::helpers::gltf_parts::{Parts, TRIANGLE};
+use crate::helpers::program::{
+    Folder, Running, assert_same_bits, attribute, bismar, expect, names, program, read_json, run, says, stderr, stdout,
+};
 
 /// A folder with a scene in it: one triangle, two cameras `a` and `b`, no light.
 fn folder() -> Folder {
@@ -170,12 +173,8 @@ fn a_viewer_is_shown_the_picture_and_one_that_is_not_there_is_no_failure() {
         last[last.len() - 32 * 24 * 3 * 4..].chunks_exact(4).map(|b| f32::from_le_bytes(b.try_into().unwrap()));
     let sum: f32 = pixels.sum();
     assert!(sum > 100.0, "{sum}");
-    says(
-        &folder,
-        &format!("render scene.glb --size 8x8 --spp 1 --tev :{port}"),
-        0,
-        "nobody answers; rendering continues without",
-    );
+    let line = format!("render scene.glb --size 8x8 --spp 1 --tev :{port}");
+    says(&folder, &line, 0, "nobody answers; rendering continues without");
 }
 
 #[test]
@@ -191,7 +190,7 @@ fn time_that_is_over_too_soon_leaves_no_black_pixel_untold() {
             assert!(text.contains("before the first path"), "{text}");
             continue;
         }
-        let fewest = program::attribute(&folder.join("showpiece.exr"), "bismar.samples");
+        let fewest = attribute(&folder.join("showpiece.exr"), "bismar.samples");
         let empty = json(fewest.as_bytes())["pixel_min"] == 0;
         assert_eq!(text.contains("have no paths and are black"), empty, "{text}");
         reported += usize::from(empty);
@@ -324,13 +323,11 @@ fn a_build_that_is_interrupted_touches_no_output_and_exits_with_75() {
 
 #[test]
 fn a_full_disk_or_a_file_beyond_the_largest_size_exits_with_74_and_leaves_the_old_picture() {
-    let folder = folder();
     let old = b"the old picture".as_slice();
-    fs::write(folder.join("scene.exr"), old).unwrap();
+    let folder = folder().with("scene.exr", old);
     // A limit of a few kilobytes a file ends a write in its middle.
     let script = "ulimit -f 8; exec \"$0\" render scene.glb --size 128x128 --spp 8 -q";
-    let program = assert_cmd::cargo::cargo_bin!("bismar");
-    let output = Command::new("sh").arg("-c").arg(script).arg(program).current_dir(&folder).output().unwrap();
+    let output = Command::new("sh").args(["-c", script]).arg(program()).current_dir(&folder).output().unwrap();
     assert_eq!(output.status.code(), Some(74), "{}", stderr(&output));
     assert!(stderr(&output).contains("scene.exr: cannot write"), "{}", stderr(&output));
     assert_eq!(fs::read(folder.join("scene.exr")).unwrap(), old);
@@ -345,8 +342,8 @@ fn a_picture_compared_with_itself_has_no_difference_and_z_0() {
     for number in ["rel_mse", "rmse", "mae"] {
         assert_eq!(report[number], 0.0, "{number}");
     }
-    assert_eq!(report["bias"], serde_json::json!([0.0, 0.0, 0.0]));
-    assert_eq!(report["statistics"]["bias_z"], serde_json::json!([0.0, 0.0, 0.0]));
+    assert_eq!(report["bias"], json!([0.0, 0.0, 0.0]));
+    assert_eq!(report["statistics"]["bias_z"], json!([0.0, 0.0, 0.0]));
     assert_eq!(report["within"], true);
 }
 
@@ -378,7 +375,8 @@ fn pictures_that_cannot_be_compared_exit_with_65() {
 
 #[test]
 fn inspect_says_what_is_there_and_what_is_left_out() {
-    let folder = folder();
+    let map = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 2\n\x80\x80\x80\x81\x80\x80\x80\x81";
+    let folder = folder().with("a.hdr", map);
     let text = stdout(&folder, "inspect scene.glb", 0);
     for words in ["triangles  1", "1  b  perspective  40.1 degrees high", "soft studio light is added"] {
         assert!(text.contains(words), "'{words}' is not in\n{text}");
@@ -386,11 +384,6 @@ fn inspect_says_what_is_there_and_what_is_left_out() {
     let summary = json(&run(&folder, "inspect scene.glb --json").stdout);
     assert_eq!(summary["counts"]["triangles"], 1);
     // With a map of its own no light is added.
-    std::fs::write(
-        folder.join("a.hdr"),
-        b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 2\n\x80\x80\x80\x81\x80\x80\x80\x81",
-    )
-    .unwrap();
     let lit = json(&run(&folder, "inspect scene.glb --env a.hdr --json").stdout);
     assert_eq!((&summary["default_light"], &lit["default_light"]), (&true.into(), &false.into()));
     assert_eq!((&lit["environment"]["width"], &lit["environment"]["height"]), (&2.into(), &1.into()));
@@ -417,7 +410,7 @@ fn a_study_is_handed_to_bismar_study_with_its_whole_line() {
     // On the file system of the program, so that it can be linked there: a copy could be busy when it is run.
     let folder = tempfile::TempDir::new_in(env!("CARGO_TARGET_TMPDIR")).unwrap();
     let bismar = folder.path().join("bismar");
-    fs::hard_link(assert_cmd::cargo::cargo_bin!("bismar"), &bismar).unwrap();
+    fs::hard_link(program(), &bismar).unwrap();
     let run = |line: &str| Command::new(&bismar).args(line.split_whitespace()).output().unwrap();
 
     let missing = run("study rays --quick");
@@ -446,75 +439,61 @@ fn a_study_is_handed_to_bismar_study_with_its_whole_line() {
 
 #[test]
 fn more_lights_than_memory_end_with_76_before_they_are_made() {
-    let folder = Folder::new();
     // A thousand emissive triangles in one point of a mesh, placed 200,000 times: 36 KB.
     const PLACES: usize = 200_000;
-    let positions = [[0.0_f32, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
-    let binary: Vec<u8> = positions.iter().flatten().flat_map(|x| x.to_le_bytes()).collect();
-    let indices: Vec<u8> = (0..3000).map(|i| (i % 3) as u8).collect();
-    let scene = serde_json::json!({
+    let mut data = glb::Data::default();
+    data.floats(&TRIANGLE, "VEC3");
+    data.accessor(&[0, 1, 2].repeat(1000), 5121, 3000, "SCALAR");
+    data.accessors.push(json!({ "componentType": 5126, "count": PLACES, "type": "VEC3" }));
+    let scene = data.file(json!({
         "asset": { "version": "2.0" }, "scenes": [{ "nodes": [0] }],
         "nodes": [{ "mesh": 0, "extensions": { "EXT_mesh_gpu_instancing": { "attributes": { "TRANSLATION": 2 } } } }],
         "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0 }, "indices": 1, "material": 0 }] }],
         "materials": [{ "emissiveFactor": [1, 1, 1] }],
-        "accessors": [
-            { "bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3" },
-            { "bufferView": 1, "componentType": 5121, "count": 3000, "type": "SCALAR" },
-            { "componentType": 5126, "count": PLACES, "type": "VEC3" },
-        ],
-        "bufferViews": [{ "buffer": 0, "byteLength": 36 }, { "buffer": 0, "byteOffset": 36, "byteLength": 3000 }],
-        "buffers": [{ "byteLength": 3036 }],
-    });
-    fs::write(folder.join("scene.glb"), glb::file(&scene, &[binary, indices].concat())).unwrap();
+    }));
+    let folder = Folder::new().with("scene.glb", scene);
     for limit in ["2G", "20G"] {
-        says(
-            &folder,
-            &format!("render scene.glb -o a.exr --size 8x8 --memory-limit {limit}"),
-            76,
-            "200000000 emissive triangles",
-        );
+        let line = format!("render scene.glb -o a.exr --size 8x8 --memory-limit {limit}");
+        says(&folder, &line, 76, "200000000 emissive triangles");
     }
     assert_eq!(names(&folder), ["scene.glb"]);
 }
 
+fn colors(picture: &Path) -> Vec<[f32; 3]> {
+    bismar::film::Picture::open(picture, None).unwrap().rgb
+}
+
 #[test]
 fn lights_in_watts_are_683_times_as_dark() {
-    let folder = Folder::new();
     let nodes = r#"[{"mesh":0,"children":[1]},
         {"translation":[0.3,0.3,2],"extensions":{"KHR_lights_punctual":{"light":0}}}]"#;
     let more = r#","extensions":{"KHR_lights_punctual":{"lights":[{"type":"point","intensity":683}]}}"#;
     let parts = Parts { nodes: nodes.into(), more: more.into(), ..Default::default() };
-    fs::write(folder.join("scene.gltf"), parts.json()).unwrap();
+    let folder = Folder::new().with("scene.gltf", parts.json());
     let mean = |unit: &str| {
         let line = format!("render scene.gltf -o {unit}.exr --size 16x16 --spp 4 --no-env --light-unit {unit}");
         expect(&folder, &line, 0);
-        let picture = bismar::film::Picture::open(&folder.join(format!("{unit}.exr")), None).unwrap();
-        picture.rgb.iter().flatten().map(|x| f64::from(*x)).sum::<f64>()
+        colors(&folder.join(format!("{unit}.exr"))).iter().flatten().map(|x| f64::from(*x)).sum::<f64>()
     };
     let (lumen, watt) = (mean("lumen"), mean("watt"));
     // Sums of products that differ by one factor, each rounded to 24 bits.
     assert!(lumen > 0.0 && (lumen / watt - 683.0).abs() < 683.0 * 1e-5, "{lumen} {watt}");
     // Another picture: not gone on with.
-    says(
-        &folder,
-        "render scene.gltf -o lumen.exr --size 16x16 --spp 4 --no-env --light-unit watt --resume",
-        65,
-        "scene",
-    );
+    let line = "render scene.gltf -o lumen.exr --size 16x16 --spp 4 --no-env --light-unit watt --resume";
+    says(&folder, line, 65, "scene");
 }
 
 #[test]
 fn a_white_sky_and_the_framed_view_are_there_for_files_with_lamps_and_cameras() {
-    let folder = Folder::new();
     let nodes = r#"[{"mesh":0,"children":[1,2]},{"translation":[0,0,9],"extensions":{"KHR_lights_punctual":{"light":0}}},
         {"camera":0,"translation":[0,0,100],"rotation":[0,1,0,0]}]"#;
     let more = r#","cameras":[{"type":"perspective","perspective":{"yfov":0.5,"znear":1}}],
         "extensions":{"KHR_lights_punctual":{"lights":[{"type":"point","intensity":1}]}}"#;
     let parts = Parts { nodes: nodes.into(), more: more.into(), ..Default::default() };
-    fs::write(folder.join("scene.gltf"), parts.json()).unwrap();
+    let folder = Folder::new().with("scene.gltf", parts.json());
     let render = |file: &str, flags: &str| {
         let said = expect(&folder, &format!("render scene.gltf --size 16x16 --spp 4 -o {file} {flags}"), 0);
-        (bismar::film::Picture::open(&folder.join(file), None).unwrap().rgb, said)
+        (colors(&folder.join(file)), said)
     };
     // The camera looks away.
     let (away, said) = render("away.exr", "");
@@ -535,8 +514,7 @@ fn a_white_sky_and_the_framed_view_are_there_for_files_with_lamps_and_cameras() 
     fs::write(folder.join("jobs.toml"), jobs).unwrap();
     expect(&folder, "batch jobs.toml", 0);
     for (job, picture) in [away, framed, sky].iter().enumerate() {
-        let path = folder.join(format!("{}.exr", job + 1));
-        assert!(bismar::film::Picture::open(&path, None).unwrap().rgb == *picture, "{job}");
+        assert!(colors(&folder.join(format!("{}.exr", job + 1))) == *picture, "{job}");
     }
 }
 
@@ -553,25 +531,19 @@ fn control_characters_are_shown() {
 #[test]
 fn a_glb_comes_from_a_pipe_and_gives_the_same_bits() {
     let folder = folder();
-    let path = |name: &str| folder.join(name);
     let piped = |line: &str, bytes: &[u8]| {
         let mut command = bismar(&folder);
-        let mut child = command
-            .args(line.split_whitespace())
-            .stdin(Stdio::piped())
-            .stdout(Stdio::null())
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap();
+        command.args(line.split_whitespace()).stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::piped());
+        let mut child = command.spawn().unwrap();
         // A program that refuses the beginning closes the pipe.
         let _ = std::io::Write::write_all(&mut child.stdin.take().unwrap(), bytes);
         let output = child.wait_with_output().unwrap();
         (output.status.code(), stderr(&output))
     };
-    let glb = fs::read(path("scene.glb")).unwrap();
+    let glb = glb::triangle();
     assert_eq!(piped("render - --size 32x24 --spp 8 -q -o pipe.exr", &glb).0, Some(0));
     expect(&folder, &format!("{SMALL} -o file.exr"), 0);
-    program::assert_same_bits(&path("pipe.exr"), &path("file.exr"));
+    assert_same_bits(&folder.join("pipe.exr"), &folder.join("file.exr"));
     // Longer than its header says, as a file may be.
     assert_eq!(piped("inspect - --pose 0", &[&glb[..], b"more"].concat()).0, Some(0));
     let mut large = glb.clone();

@@ -8,10 +8,12 @@ use bismar::lanes::V3;
 use bismar::light::{Density, EnvironmentSampler};
 use bismar::rays::Backend;
 use bismar::render::{Balance, Integrator, PixelFilter, RenderSettings};
-use bismar::scene::{Environment, PunctualKind, Scene};
+use bismar::scene::{Environment, Material, PunctualKind, Scene};
 use glam::{DVec3, Vec3};
 
-use crate::helpers::stage::{Stage, add, area_light, lambert, look, metal, punctual, rectangle, sphere};
+use crate::helpers::stage::{
+    Stage, add, add_sphere, area_light, closed_box, lambert, look, metal, punctual, rectangle, sphere,
+};
 use crate::helpers::statistics::z_limit;
 
 pub const BALANCES: [Balance; 5] =
@@ -29,15 +31,20 @@ pub fn settings() -> RenderSettings {
     }
 }
 
-/// Renders with every balance, backend and the two integrators; all must agree with `expected`.
+/// Renders with every balance, backend and these integrators; all must agree with `expected`.
 pub fn agrees(scene: Scene, expected: f64, integrators: &[Integrator]) {
+    agrees_with(&settings(), REPLICAS, scene, expected, integrators);
+}
+
+/// The same with other settings and so many replicas.
+pub fn agrees_with(settings: &RenderSettings, replicas: u32, scene: Scene, expected: f64, integrators: &[Integrator]) {
     let scene = Arc::new(scene);
     let limit = z_limit(2 * BALANCES.len() * integrators.len());
     for backend in [Backend::Embree, Backend::Obvhs] {
         let stage = Stage::new(scene.clone(), backend);
         for &integrator in integrators {
             for balance in BALANCES {
-                let mean = stage.mean_green(&RenderSettings { balance, integrator, ..settings() }, REPLICAS);
+                let mean = stage.mean_green(&RenderSettings { balance, integrator, ..settings.clone() }, replicas);
                 let z = mean.z(expected);
                 assert!(
                     z.abs() < limit,
@@ -55,8 +62,7 @@ pub const BOTH: [Integrator; 2] = [Integrator::Direct, Integrator::Path];
 #[test]
 fn white_diffuse_sphere_vanishes_in_a_white_furnace() {
     let mut scene = Scene { environment: Some(Environment::constant([1.0; 3])), ..Default::default() };
-    let (points, indices) = sphere(12, 1.0, Vec3::ZERO);
-    add(&mut scene, points, indices, lambert(1.0));
+    add_sphere(&mut scene, 12, 1.0, Vec3::ZERO, lambert(1.0));
     look(&mut scene, Vec3::new(0.0, 0.5, 3.0), Vec3::ZERO, 0.3);
     agrees(scene, 1.0, &BOTH);
 }
@@ -148,25 +154,28 @@ pub fn polygon_irradiance(p: DVec3, corners: &[DVec3]) -> f64 {
     0.5 * sum.abs()
 }
 
-#[test]
-fn rectangular_light_over_a_diffuse_plane() {
+/// A floor of albedo 0.5, of which `eye` sees the origin, under an area light of radiance 10; and the irradiance there
+/// from one of radiance 1.
+pub fn floor_under_lamp(eye: Vec3) -> (Scene, f64) {
     let mut scene = Scene::default();
     rectangle(&mut scene, 0.0, [-5.0, 5.0], [-5.0, 5.0], true, lambert(0.5));
     rectangle(&mut scene, 1.5, [-0.2, 1.0], [-0.7, 0.4], false, area_light(10.0));
-    look(&mut scene, Vec3::new(0.0, 1.0, 3.0), Vec3::ZERO, 1e-3);
+    look(&mut scene, eye, Vec3::ZERO, 1e-3);
     let corners = [(-0.2, -0.7), (1.0, -0.7), (1.0, 0.4), (-0.2, 0.4)].map(|(x, z)| DVec3::new(x, 1.5, z));
-    agrees(scene, 0.5 / PI * 10.0 * polygon_irradiance(DVec3::ZERO, &corners), &BOTH);
+    (scene, polygon_irradiance(DVec3::ZERO, &corners))
+}
+
+#[test]
+fn rectangular_light_over_a_diffuse_plane() {
+    let (scene, irradiance) = floor_under_lamp(Vec3::new(0.0, 1.0, 3.0));
+    agrees(scene, 0.5 / PI * 10.0 * irradiance, &BOTH);
 }
 
 #[test]
 fn a_sky_and_a_lamp_before_it_are_two_techniques_of_light_sampling() {
-    let mut scene = Scene { environment: Some(Environment::constant([2.0; 3])), ..Default::default() };
-    rectangle(&mut scene, 0.0, [-5.0, 5.0], [-5.0, 5.0], true, lambert(0.5));
-    rectangle(&mut scene, 1.5, [-0.2, 1.0], [-0.7, 0.4], false, area_light(10.0));
-    look(&mut scene, Vec3::new(0.0, 1.0, 3.0), Vec3::ZERO, 1e-3);
-    let corners = [(-0.2, -0.7), (1.0, -0.7), (1.0, 0.4), (-0.2, 0.4)].map(|(x, z)| DVec3::new(x, 1.5, z));
-    let area_light = polygon_irradiance(DVec3::ZERO, &corners);
-    let expected = 0.5 / PI * (10.0 * area_light + 2.0 * (PI - area_light));
+    let (mut scene, lamp) = floor_under_lamp(Vec3::new(0.0, 1.0, 3.0));
+    scene.environment = Some(Environment::constant([2.0; 3]));
+    let expected = 0.5 / PI * (10.0 * lamp + 2.0 * (PI - lamp));
     // A pilot, its pass, and a pass and a path after it.
     let long = RenderSettings { balance: Balance::Progressive, spp: Some(161), ..settings() };
     let mean = Stage::new(Arc::new(scene.clone()), Backend::Embree).mean_green(&long, REPLICAS);
@@ -252,46 +261,26 @@ fn interreflection_between_two_plates_is_the_geometric_series() {
     // A point between two facing white-ish plates so large that what escapes is below the noise: each bounce keeps
     // ρ, light enters as emission of one plate. L = Le Σ ρ^k over the segments that the depth allows.
     let mut scene = Scene::default();
-    let glowing = bismar::scene::Material { emissive: Vec3::ONE, ..lambert(0.5) };
     // The inside of a cube of glowing walls: exactly closed.
-    let s = 1.0f32;
-    let corners: Vec<[f32; 3]> =
-        (0..8).map(|i| [0, 1, 2].map(|axis| if i >> axis & 1 == 0 { -s } else { s })).collect();
-    let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
-    let indices = quads.iter().flat_map(|q| [[q[0], q[2], q[1]], [q[0], q[3], q[2]]]).collect();
-    let glowing = bismar::scene::Material { double_sided: true, ..glowing };
-    add(&mut scene, corners, indices, glowing);
+    let glowing = Material { emissive: Vec3::ONE, double_sided: true, ..lambert(0.5) };
+    closed_box(&mut scene, Vec3::NEG_ONE, Vec3::ONE, glowing);
     look(&mut scene, Vec3::new(0.1, 0.2, 0.3), Vec3::new(1.0, 0.3, -0.2), 0.5);
     let series = |segments: i32| (0..segments).map(|k| 0.5f64.powi(k)).sum::<f64>();
     // Direct: emission and one bounce. Path: eight segments, by default.
-    agrees(
-        Scene {
-            meshes: scene.meshes.clone(),
-            objects: scene.objects.clone(),
-            instances: scene.instances.clone(),
-            materials: scene.materials.clone(),
-            cameras: scene.cameras.clone(),
-            ..Default::default()
-        },
-        series(2),
-        &[Integrator::Direct],
-    );
+    agrees(scene.clone(), series(2), &[Integrator::Direct]);
     agrees(scene, series(8), &[Integrator::Path]);
 }
 
 #[test]
 fn all_balances_and_backends_agree_on_a_glossy_scene_with_sky_lamp_and_indirect_light() {
     let mut scene = Scene::default();
-    let mut environment = Environment::constant([0.4; 3]);
-    (environment.width, environment.height) = (16, 8);
     let mut pixels = vec![[0.4; 3]; 128];
     pixels[20] = [60.0, 55.0, 50.0];
-    environment.pixels = pixels.into();
-    scene.environment = Some(environment);
+    let pixels = pixels.into();
+    scene.environment = Some(Environment { width: 16, height: 8, pixels, ..Environment::constant([0.4; 3]) });
     rectangle(&mut scene, 0.0, [-3.0, 3.0], [-3.0, 3.0], true, metal(0.5));
     rectangle(&mut scene, 1.5, [-0.4, 0.4], [-0.9, -0.3], false, area_light(6.0));
-    let (points, indices) = sphere(8, 0.4, Vec3::new(0.2, 0.4, 0.2));
-    add(&mut scene, points, indices, lambert(0.7));
+    add_sphere(&mut scene, 8, 0.4, Vec3::new(0.2, 0.4, 0.2), lambert(0.7));
     look(&mut scene, Vec3::new(0.0, 1.2, 3.0), Vec3::new(0.0, 0.2, 0.0), 0.5);
     let scene = Arc::new(scene);
     let reference = Stage::new(scene.clone(), Backend::Embree)

@@ -3,11 +3,8 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::thread;
 
-use crate::helpers::program::{self, Folder, bismar, expect, scene, stderr};
+use crate::helpers::program::{self, Folder, expect, run, scene, stderr, try_all};
 use crate::helpers::random::Random;
 use crate::helpers::shared;
 
@@ -42,39 +39,13 @@ fn damage(bytes: &[u8], seed: usize) -> Vec<u8> {
 /// Runs `bismar LINE`: `Err` unless it did its work, or refused a file by name with exit code 65 (66 and 76 when the
 /// damage changed what the file asks for).
 fn survives(folder: &Path, line: &str) -> Result<i32, String> {
-    let output = bismar(folder).args(line.split_whitespace()).output().unwrap();
+    let output = run(folder, line);
     let said = stderr(&output);
     match output.status.code() {
         Some(0) => Ok(0),
         Some(code @ (65 | 66 | 76)) if said.starts_with("error: ") => Ok(code),
         code => Err(format!("bismar {line}: {code:?}\n{said}")),
     }
-}
-
-/// Tries every number below `n` on two threads; the exit codes, or a failure with all that went wrong.
-#[track_caller]
-fn try_all(n: usize, attempt: impl Fn(usize) -> Result<i32, String> + Sync) -> Vec<i32> {
-    let next = AtomicUsize::new(0);
-    let outcomes = Mutex::new(Vec::new());
-    thread::scope(|scope| {
-        for _ in 0..2 {
-            scope.spawn(|| {
-                loop {
-                    let i = next.fetch_add(1, Ordering::Relaxed);
-                    if i >= n {
-                        break;
-                    }
-                    let outcome = attempt(i).map_err(|e| format!("number {i}: {e}"));
-                    outcomes.lock().unwrap().push(outcome);
-                }
-            });
-        }
-    });
-    let outcomes = outcomes.into_inner().unwrap();
-    assert_eq!(outcomes.len(), n);
-    let failures: Vec<_> = outcomes.iter().filter_map(|o| o.as_ref().err().cloned()).collect();
-    assert!(failures.is_empty(), "{} failures:\n{}", failures.len(), failures.join("\n"));
-    outcomes.into_iter().flatten().collect()
 }
 
 /// Refused and rendered must both occur: else the damage is too coarse, or none.
@@ -146,31 +117,29 @@ fn pictures() -> Folder {
     folder
 }
 
+/// Goes on with a picture of this scene to twice as many paths.
+fn goes_on(scene: &[u8], picture: &[u8]) -> Result<i32, String> {
+    let folder = Folder::new().with("cornell.glb", scene).with("out.exr", picture);
+    survives(&folder, &format!("{} --resume -o out.exr", RENDER.replace("--spp 8", "--spp 16")))
+}
+
 #[test]
 fn damaged_pictures_are_compared_merged_and_gone_on_with_or_refused() {
     let pictures = pictures();
     let bytes = |name: &str| fs::read(pictures.join(name)).unwrap();
     let [whole, first, second, scene] = ["whole.exr", "1.exr", "2.exr", "cornell.glb"].map(bytes);
     let codes = try_all(180, |i| {
-        let folder = Folder::new();
-        let put = |name: &str, bytes: &[u8]| fs::write(folder.join(name), bytes).unwrap();
-        put("cornell.glb", &scene);
         let seed = i / 3;
         match i % 3 {
             0 => {
-                put("a.exr", &damage(&whole, seed));
-                put("b.exr", &whole);
+                let folder = Folder::new().with("a.exr", damage(&whole, seed)).with("b.exr", &whole);
                 survives(&folder, "compare a.exr b.exr --diff diff.png")
             }
             1 => {
-                put("1.exr", &damage(&first, seed));
-                put("2.exr", &second);
+                let folder = Folder::new().with("1.exr", damage(&first, seed)).with("2.exr", &second);
                 survives(&folder, "merge 1.exr 2.exr -o out.exr -q")
             }
-            _ => {
-                put("out.exr", &damage(&whole, seed));
-                survives(&folder, &format!("{} --resume -o out.exr", RENDER.replace("--spp 8", "--spp 16")))
-            }
+            _ => goes_on(&scene, &damage(&whole, seed)),
         }
     });
     assert_mixed(&codes);
@@ -189,7 +158,6 @@ fn forged_statistics_are_gone_on_with_or_refused() {
     // They stand at the end of the file; a run of 16 KiB is found where it is.
     let rows: Vec<_> = statistics.chunks(4 * 4096).map(|row| (find(row), row.len())).collect();
     let codes = try_all(100, |i| {
-        let folder = Folder::new();
         let mut random = Random(i as u64);
         let (mut file, mut statistics) = (file.clone(), statistics.clone());
         for _ in 0..1 + random.below(3) {
@@ -200,9 +168,7 @@ fn forged_statistics_are_gone_on_with_or_refused() {
         }
         file[hash_at..hash_at + 64].copy_from_slice(blake3::hash(&statistics).to_hex().as_bytes());
         program::seal(&mut file);
-        fs::write(folder.join("cornell.glb"), &scene).unwrap();
-        fs::write(folder.join("out.exr"), file).unwrap();
-        survives(&folder, &format!("{} --resume -o out.exr", RENDER.replace("--spp 8", "--spp 16")))
+        goes_on(&scene, &file)
     });
     assert_mixed(&codes);
 }
@@ -215,9 +181,6 @@ fn a_finished_picture_that_was_changed_is_never_called_done() {
     let jobs = "[defaults]\nsize = '40x24'\nspp = 8\naov = 'all'\ncheckpoint = 9\noutput = 'out.exr'\n";
     let jobs = format!("{jobs}[[job]]\nscene = 'cornell.glb'\n");
     let codes = try_all(150, |i| {
-        let folder = Folder::new();
-        let put = |name: &str, bytes: &[u8]| fs::write(folder.join(name), bytes).unwrap();
-        put("cornell.glb", &scene);
         let mut random = Random(i as u64);
         let mut bytes = whole.clone();
         match i % 5 {
@@ -226,13 +189,12 @@ fn a_finished_picture_that_was_changed_is_never_called_done() {
             1 | 2 => bytes[random.below(FRONT)] ^= 1 << random.below(8),
             _ => bytes[random.below(whole.len())] ^= 1 << random.below(8),
         }
-        put("out.exr", &bytes);
+        let folder = Folder::new().with("cornell.glb", &scene).with("out.exr", &bytes).with("jobs.toml", &jobs);
         let code = survives(&folder, &format!("{RENDER} --resume -o out.exr"))?;
         if code == 0 && fs::read(folder.join("out.exr")).unwrap() == bytes {
             return Err(format!("cut or flipped, and called done: {i}"));
         }
         // A batch renders it anew, unless nobody could tell that it is ours.
-        put("jobs.toml", jobs.as_bytes());
         let code = survives(&folder, "batch jobs.toml -q --threads 1")
             .or_else(|why| if why.contains("Some(65)") { Ok(65) } else { Err(why) })?;
         let same = fs::read(folder.join("out.exr")).unwrap() == bytes;

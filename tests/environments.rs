@@ -31,12 +31,11 @@ fn write(
     let attributes = LayerAttributes { layer_position: position.into(), ..Default::default() };
     let mut image = Image::from_layer(Layer::new(size, attributes, Encoding::UNCOMPRESSED, channels));
     image.attributes.display_window = IntegerBounds::from_dimensions(display);
-    let point = |x, y| Vec2(x, y);
     image.attributes.chromaticities = chromaticities.map(|[rx, ry, gx, gy, bx, by, wx, wy]| Chromaticities {
-        red: point(rx, ry),
-        green: point(gx, gy),
-        blue: point(bx, by),
-        white: point(wx, wy),
+        red: Vec2(rx, ry),
+        green: Vec2(gx, gy),
+        blue: Vec2(bx, by),
+        white: Vec2(wx, wy),
     });
     image.write().to_file(path).unwrap();
 }
@@ -159,11 +158,9 @@ fn pictures_in_other_primaries_say_so_and_are_read_back() {
 
 #[test]
 fn a_lut_is_a_view_and_what_is_none_is_refused() {
-    let path = &Folder::new().with_scene("c.glb", "cornell.glb");
-    fs::create_dir(path.join("looks")).unwrap();
     let invert = "# input space: rec709\nLUT_3D_SIZE 2\nDOMAIN_MAX 0.5 0.5 0.5\n\
                   1 1 1\n0 1 1\n1 0 1\n0 0 1\n1 1 0\n0 1 0\n1 0 0\n0 0 0\n";
-    fs::write(path.join("looks/i.cube"), invert).unwrap();
+    let path = &Folder::new().with_scene("c.glb", "cornell.glb").with("looks/i.cube", invert);
     let line = "render c.glb --size 24x16 --spp 4 -q --exposure 1";
     expect(path, &format!("{line} --view looks/i.cube -o a.exr --preview a.png"), 0);
     let (linear, shown) =

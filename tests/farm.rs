@@ -1,18 +1,18 @@
 //! Farms, against a stand-in for Slurm: names are data, of which nothing is run on the way; tasks that are interrupted,
 //! killed or starved are begun again as long as that helps; and `farm status` says what has become of them.
 
-use std::ffi::OsString;
+use std::ffi::{OsStr, OsString};
+use std::fmt::Debug;
 use std::fs;
 use std::os::unix::ffi::OsStringExt;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
-use std::thread;
 use std::time::{Duration, SystemTime};
 
 use serde_json::Value;
 
-use crate::helpers::farm::{HOSTILE, kill, parent, status, succeeds, writer};
+use crate::helpers::farm::{HOSTILE, kill, parent, status, succeeds, until, until_alive, writer};
 use crate::helpers::glb;
 use crate::helpers::program::{Folder, assert_same_bits, bismar, expect, paths, read_json, signal, stderr};
 
@@ -76,7 +76,7 @@ impl Site {
         command
     }
 
-    fn submit(&self, arguments: &[OsString]) -> Output {
+    fn submit(&self, arguments: &[impl AsRef<OsStr>]) -> Output {
         self.farm().arg("submit").args(arguments).output().unwrap()
     }
 
@@ -89,22 +89,22 @@ impl Site {
 
     #[track_caller]
     fn submit_line(&self, line: &str) {
-        let said = self.submit(&words(&line.split(' ').collect::<Vec<_>>()));
+        let said = self.submit(&words(line));
         assert!(said.status.success(), "{line}: {}", stderr(&said));
     }
 
-    /// Begins a task as Slurm would, job 7.
-    fn begin(&self, number: usize) -> Child {
-        self.begin_with(number, 900)
+    /// Begins the first task as Slurm would, job 7.
+    fn begin(&self) -> Child {
+        self.begin_with(900)
     }
 
     /// With so many MiB.
-    fn begin_with(&self, number: usize, memory: u32) -> Child {
+    fn begin_with(&self, memory: u32) -> Child {
         let mut command = self.farm();
-        command.args(["task", &number.to_string(), "--plan", "scene.farm/farm.json"]);
+        command.args(["task", "1", "--plan", "scene.farm/farm.json"]);
         command
             .env("SLURM_ARRAY_JOB_ID", "7")
-            .env("SLURM_ARRAY_TASK_ID", number.to_string())
+            .env("SLURM_ARRAY_TASK_ID", "1")
             .env("SLURM_JOB_ID", "7")
             .env("SLURM_MEM_PER_NODE", memory.to_string())
             .env("SLURM_RESTART_COUNT", "20");
@@ -133,7 +133,7 @@ impl Site {
 
     /// Submits, and expects that it is refused with this code before Slurm hears of it; returns what is said.
     #[track_caller]
-    fn refuses(&self, code: i32, arguments: &[OsString]) -> String {
+    fn refuses(&self, code: i32, arguments: &[impl AsRef<OsStr> + Debug]) -> String {
         let said = self.submit(arguments);
         let text = stderr(&said);
         self.assert_nothing_ran();
@@ -155,8 +155,8 @@ impl Site {
     }
 }
 
-fn words(line: &[&str]) -> Vec<OsString> {
-    line.iter().map(Into::into).collect()
+fn words(line: &str) -> Vec<&str> {
+    line.split(' ').collect()
 }
 
 #[test]
@@ -175,7 +175,7 @@ fn a_hostile_batch_file_runs_nothing() {
         let scene = if line.starts_with("scene") { "" } else { "scene = 'scene.glb'\n" };
         fs::write(site.folder.join("jobs.toml"), format!("[[job]]\n{scene}spp = 1\n{line}\n")).unwrap();
         for format in ["slurm", "openjd"] {
-            let said = site.refuses(78, &words(&["jobs.toml", "--format", format]));
+            let said = site.refuses(78, &["jobs.toml", "--format", format]);
             assert!(said.contains("jobs.toml:") && said.contains("control character"), "{line}: {said}");
         }
         // Nor are they names on this machine.
@@ -195,7 +195,7 @@ fn a_name_that_cannot_travel_is_refused_before_submission() {
         &["scene.glb", "--memory", "1G\ntouch X #"],
         &["a\ntouch X #.glb"],
     ] {
-        let said = site.refuses(64, &words(line));
+        let said = site.refuses(64, line);
         assert!(said.contains("control character"), "{line:?}: {said}");
     }
     let other =
@@ -262,20 +262,11 @@ fn a_task_is_an_entry_of_its_plan() {
     }
 }
 
-/// Waits as long as `child` lives.
-#[track_caller]
-fn wait(child: &mut Child, mut holds: impl FnMut() -> bool) {
-    while !holds() {
-        assert!(child.try_wait().unwrap().is_none(), "it has ended by itself");
-        thread::sleep(Duration::from_millis(5));
-    }
-}
-
-/// Waits until nobody renders it any more.
-fn wait_for_end_of(output: &Path) {
-    while writer(output).is_some() {
-        thread::sleep(Duration::from_millis(5));
-    }
+/// Kills a task, and waits until nobody renders its output any more.
+fn kill_with_its_render(mut task: Child, output: &Path) {
+    task.kill().unwrap();
+    task.wait().unwrap();
+    until(|| writer(output).is_none());
 }
 
 /// Hours of work, on one tile after the other.
@@ -290,16 +281,14 @@ fn twenty_preemptions_with_progress_hold_nothing_and_three_in_a_row_without_do()
     site.submit_only(&format!("scene.glb -- {ENDLESS}"));
     // Nothing is saved yet when it is killed.
     let fruitless = || {
-        let mut child = site.begin(1);
-        wait(&mut child, || writer(&output).is_some());
-        child.kill().unwrap();
-        child.wait().unwrap();
-        wait_for_end_of(&output);
+        let mut child = site.begin();
+        until_alive(&mut child, || writer(&output).is_some());
+        kill_with_its_render(child, &output);
     };
     for preemption in 0..20 {
         let (before, said) = (saved(), log().len());
-        let mut child = site.begin(1);
-        wait(&mut child, || log()[said..].contains("PROGRESS"));
+        let mut child = site.begin();
+        until_alive(&mut child, || log()[said..].contains("PROGRESS"));
         signal(&child, "-TERM");
         assert_eq!(child.wait().unwrap().code(), Some(75), "{preemption}: {}", log());
         assert!(saved() > before);
@@ -308,7 +297,7 @@ fn twenty_preemptions_with_progress_hold_nothing_and_three_in_a_row_without_do()
         }
     }
     (0..3).for_each(|_| fruitless());
-    assert_eq!(site.begin(1).wait().unwrap().code(), Some(76), "{}", log());
+    assert_eq!(site.begin().wait().unwrap().code(), Some(76), "{}", log());
     site.assert_state("held", "3 times in a row");
 }
 
@@ -319,20 +308,18 @@ fn a_task_that_is_killed_takes_its_render_along_and_is_counted() {
     site.submit_only(&format!("scene.glb -- {ENDLESS} --checkpoint 9999"));
     site.assert_state("waiting", "");
     for session in 1..=3 {
-        let mut child = site.begin(1);
-        wait(&mut child, || writer(&output).is_some() && site.sessions()["begun"] == session);
+        let mut child = site.begin();
+        until_alive(&mut child, || writer(&output).is_some() && site.sessions()["begun"] == session);
         let render = writer(&output).unwrap();
         assert_eq!(parent(render), child.id());
         site.assert_state("running", "");
-        child.kill().unwrap();
-        child.wait().unwrap();
-        wait_for_end_of(&output);
+        kill_with_its_render(child, &output);
     }
     // Its last sign of life is long ago.
     let record = fs::File::options().append(true).open(site.folder.join("scene.farm/logs/task-1.json")).unwrap();
     record.set_modified(SystemTime::now() - Duration::from_secs(600)).unwrap();
     site.assert_state("dead", "");
-    assert_eq!(site.begin(1).wait().unwrap().code(), Some(76));
+    assert_eq!(site.begin().wait().unwrap().code(), Some(76));
     site.assert_state("held", "3 times in a row");
 }
 
@@ -343,8 +330,8 @@ fn a_task_out_of_memory_is_begun_again_once_with_more_and_then_held() {
     site.submit_only(&format!("scene.glb --retry-memory -- {ENDLESS}"));
     // As the system does when a task's memory is used up: one process dies, the largest.
     let starve = |memory| {
-        let mut child = site.begin_with(1, memory);
-        wait(&mut child, || writer(&output).is_some());
+        let mut child = site.begin_with(memory);
+        until_alive(&mut child, || writer(&output).is_some());
         kill(writer(&output).unwrap());
         child.wait().unwrap().code()
     };
@@ -371,9 +358,8 @@ fn a_task_out_of_memory_is_begun_again_once_with_more_and_then_held() {
 #[test]
 fn a_farm_in_use_keeps_its_plan() {
     let site = Site::new("shots");
-    let submit = |line: &str| site.submit(&words(&line.split(' ').collect::<Vec<_>>()));
     let refused = |line: &str, word: &str| {
-        let said = submit(line);
+        let said = site.submit(&words(line));
         assert_eq!(said.status.code(), Some(73), "{}", stderr(&said));
         assert!(stderr(&said).contains(word), "{}", stderr(&said));
     };
@@ -397,9 +383,7 @@ fn a_farm_in_use_keeps_its_plan() {
     fs::write(site.folder.join("scene.toml"), "[[job]]\nscene = 'scene.glb'\nsize = '8x8'\n").unwrap();
     refused("scene.toml", "scene.glb: give this one another with --folder");
     assert_eq!(plan(), first);
-    let mut openjd = site.farm();
-    openjd.args(["submit", "scene.toml", "--format", "openjd"]);
-    assert_eq!(openjd.output().unwrap().status.code(), Some(73));
+    assert_eq!(site.submit(&["scene.toml", "--format", "openjd"]).status.code(), Some(73));
     site.submit_only("scene.toml --folder toml.farm");
 }
 
@@ -417,12 +401,10 @@ fn of_two_submissions_at_once_the_second_is_told_and_changes_nothing() {
     let begun = || fs::read(site.file("calls.begun")).map_or(0, |lines| lines.len());
     let plan = || fs::read(site.folder.join("scene.farm/farm.json")).unwrap();
     let mut first = submit("4");
-    wait(&mut first, || begun() == 1);
+    until_alive(&mut first, || begun() == 1);
     let before = plan();
     let mut second = submit("64");
-    while second.try_wait().unwrap().is_none() && begun() == 1 {
-        thread::sleep(Duration::from_millis(5));
-    }
+    until(|| second.try_wait().unwrap().is_some() || begun() != 1);
     let after = plan();
     fs::write(site.file("calls.go"), "").unwrap();
     let (first, second) = (first.wait().unwrap(), second.wait_with_output().unwrap());
@@ -467,10 +449,10 @@ fn status_asks_the_plan_and_not_the_file() {
 #[test]
 fn no_plan_makes_other_machines_run_programs() {
     let site = Site::new("shots");
-    let said = site.refuses(64, &words(&["scene.glb", "--", "--checkpoint", "9", "--on-checkpoint", "/bin/true"]));
+    let said = site.refuses(64, &words("scene.glb -- --checkpoint 9 --on-checkpoint /bin/true"));
     assert!(said.contains("on-checkpoint"), "{said}");
     fs::write(site.folder.join("jobs.toml"), "[[job]]\nscene = 'scene.glb'\non-checkpoint = 'X'\n").unwrap();
-    site.refuses(78, &words(&["jobs.toml"]));
+    site.refuses(78, &["jobs.toml"]);
     site.submit_only("scene.glb -- --size 8x6 --spp 1");
     let plan = site.folder.join("scene.farm/farm.json");
     let text = fs::read_to_string(&plan).unwrap().replace("--resume", "--on-checkpoint=touch");
@@ -513,13 +495,10 @@ fn frames_on_a_farm_are_those_of_one_machine() {
     assert_eq!(states, ["done", "failed", "done"], "{status:#}");
     assert!(status["tasks"][1]["error"].as_str().unwrap().contains("0002"), "{status:#}");
     assert_same_bits(&path.join("whole/a.0003.exr"), &path.join("b/x.0003.exr"));
-    for (line, words_of) in [
-        (&["moving.glb", "--", "--frames", "1-4", "-o", "x.exr"][..], "####"),
-        (&["moving.glb", "--", "--frames", "4-1"], "ends before"),
-    ] {
-        let said = site.submit(&words(line));
+    for (line, why) in [("--frames 1-4 -o x.exr", "####"), ("--frames 4-1", "ends before")] {
+        let said = site.submit(&words(&format!("moving.glb -- {line}")));
         assert_eq!(said.status.code(), Some(64));
-        assert!(stderr(&said).contains(words_of), "{}", stderr(&said));
+        assert!(stderr(&said).contains(why), "{}", stderr(&said));
     }
 }
 
@@ -534,9 +513,7 @@ fn a_task_is_begun_once_and_its_plan_stays_and_a_merge_that_waits_can_be_stopped
         bismar(path).args(["farm", "task", "1", "--plan", "farm/farm.json"]).args(line).spawn().unwrap()
     };
     let mut first = begin(&[]);
-    while status(path, "farm")["tasks"][0]["state"] != "running" {
-        thread::sleep(Duration::from_millis(10));
-    }
+    until(|| status(path, "farm")["tasks"][0]["state"] == "running");
     expect(path, "farm task 1 --plan farm/farm.json", 73);
     assert_eq!(status(path, "farm")["tasks"][0]["state"], "running");
     expect(path, &submit(8), 73);
@@ -545,9 +522,7 @@ fn a_task_is_begun_once_and_its_plan_stays_and_a_merge_that_waits_can_be_stopped
     // It would wait for a minute for the second part, and then miss it (66).
     let mut merge = begin(&["--merge"]);
     let log = path.join("farm/logs/merge-1.json");
-    while !log.exists() {
-        thread::sleep(Duration::from_millis(10));
-    }
+    until(|| log.exists());
     signal(&merge, "-TERM");
     assert_eq!(merge.wait().unwrap().code(), Some(75));
 }

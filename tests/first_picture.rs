@@ -19,18 +19,15 @@ use glam::Vec3;
 use crate::helpers::gltf_parts::{Parts, floats, scene_file};
 use crate::helpers::program::{Folder, assert_same_bits, bits, expect, says, stdout};
 use crate::helpers::stage::{Stage, rectangle};
+use crate::import_content::{accessor, with};
 
 /// Two triangles side by side, seen by a camera in front: the first of material 0, the second of material 1.
 fn two(materials: &str) -> String {
-    let primitive = r#"{"attributes":{"POSITION":0},"material":0},{"attributes":{"POSITION":1},"material":1}"#.into();
-    let positions = floats(&[
-        0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, //
-        1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0, 0.0,
-    ]);
-    let of = |at: u32| format!(r#"{{"bufferView":0,"byteOffset":{at},"componentType":5126,"count":3,"type":"VEC3"}}"#);
-    let accessor = format!("{},{}", of(0), of(36));
-    Parts { primitive, positions, accessor, more: format!(r#","materials":[{materials}]"#), ..Default::default() }
-        .json()
+    let primitive = r#"{"attributes":{"POSITION":0},"material":0},{"attributes":{"POSITION":1},"material":1}"#;
+    let second = floats(&[1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0, 0.0]);
+    let mut parts = with(second, &accessor(36, 5126, 3, "VEC3", false), primitive);
+    parts.more = format!(r#","materials":[{materials}]"#);
+    parts.json()
 }
 
 fn write(folder: &Path, json: &str) {
@@ -179,16 +176,14 @@ fn paths_through_back_faces_are_those_of_the_scalar_tracer() {
 #[test]
 fn any_set_of_texture_coordinates_that_a_texture_names_is_loaded() {
     let uv = |x: f32| floats(&[x, 0.0, x, 0.5, x, 1.0]);
-    let positions = [Parts::default().positions, uv(0.25), uv(0.5), uv(0.75)].concat();
-    let of = |at: u32| format!(r#",{{"bufferView":0,"byteOffset":{at},"componentType":5126,"count":3,"type":"VEC2"}}"#);
-    let accessor = format!("{}{}{}{}", Parts::default().accessor, of(36), of(60), of(84));
-    let primitive = r#"{"attributes":{"POSITION":0,"TEXCOORD_0":1,"TEXCOORD_2":2,"TEXCOORD_5":3},"material":0}"#.into();
-    let more = r#","materials":[{"emissiveFactor":[1,1,1],"emissiveTexture":{"index":0,"texCoord":5},
+    let accessors = [36, 60, 84].map(|at| accessor(at, 5126, 3, "VEC2", false)).concat();
+    let primitive = r#"{"attributes":{"POSITION":0,"TEXCOORD_0":1,"TEXCOORD_2":2,"TEXCOORD_5":3},"material":0}"#;
+    let mut parts = with([uv(0.25), uv(0.5), uv(0.75)].concat(), &accessors, primitive);
+    parts.more = r#","materials":[{"emissiveFactor":[1,1,1],"emissiveTexture":{"index":0,"texCoord":5},
         "pbrMetallicRoughness":{"baseColorTexture":{"index":0,"texCoord":2}}}],
         "textures":[{"source":0}],"images":[{"uri":"a.png"}]"#
         .into();
-    let (folder, path) =
-        scene_file("scene.gltf", Parts { positions, accessor, primitive, more, ..Default::default() }.json());
+    let (folder, path) = scene_file("scene.gltf", parts.json());
     image::RgbImage::from_fn(4, 1, |x, _| image::Rgb([60 * x as u8; 3])).save(folder.path().join("a.png")).unwrap();
     let imported = import(&path, &ImportOptions::default()).unwrap();
     assert_eq!(imported.report.of_kind(NoteKind::Ignored).count(), 0);
@@ -216,10 +211,7 @@ fn a_git_lfs_pointer_is_named_as_such() {
         assert!(text.contains("Git LFS pointer") && text.contains("git lfs pull") && text.contains(file), "{text}");
     };
     told("a.gltf", 65);
-    let json = Parts::default().json();
-    let start = json.find("\"data:").unwrap();
-    let end = start + 1 + json[start + 1..].find('"').unwrap() + 1;
-    write(&folder, &format!("{}\"a.bin\"{}", &json[..start], &json[end..]));
+    write(&folder, &Parts::default().json_with("a.bin"));
     told("a.bin", 65);
 }
 
@@ -235,12 +227,8 @@ fn a_scene_without_a_triangle_says_so() {
 fn lights_in_watts_are_told_by_the_picture() {
     let folder = Folder::new();
     let lit = |candela: f64| {
-        let more = format!(
-            r#","extensionsUsed":["KHR_lights_punctual"],
-            "extensions":{{"KHR_lights_punctual":{{"lights":[{{"type":"directional","intensity":{candela}}}]}}}}"#
-        );
-        let nodes = r#"[{"mesh":0,"extensions":{"KHR_lights_punctual":{"light":0}}}]"#.into();
-        write(&folder, &Parts { nodes, more, ..Default::default() }.json());
+        let light = format!(r#"{{"type":"directional","intensity":{candela}}}"#);
+        write(&folder, &Parts::of_light(&light).json());
     };
     let said = |flags: &str| expect(&folder, &format!("render a.gltf --size 16x12 --spp 2 {flags}"), 0);
     lit(683.0);

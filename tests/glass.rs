@@ -10,8 +10,8 @@ use bismar::render::{Balance, GlassShadows, Integrator, RenderSettings};
 use bismar::scene::{Environment, Material, Scene};
 use glam::{DVec3, Vec3};
 
-use crate::closed_forms::{BALANCES, agrees, polygon_irradiance, settings};
-use crate::helpers::stage::{Stage, add, area_light, closed_box, glass, glass_hall, lambert, look, rectangle, sphere};
+use crate::closed_forms::{BALANCES, agrees, floor_under_lamp, polygon_irradiance, settings};
+use crate::helpers::stage::{Stage, add_sphere, area_light, closed_box, glass, glass_hall, lambert, look, rectangle};
 use crate::helpers::statistics::z_limit;
 
 const PATH: [Integrator; 1] = [Integrator::Path];
@@ -31,8 +31,7 @@ pub fn fresnel(eta: f64, theta: f64) -> f64 {
 #[test]
 fn a_ball_of_clear_glass_vanishes_in_a_white_furnace() {
     let mut scene = under_sky(1.0);
-    let (points, indices) = sphere(12, 1.0, Vec3::ZERO);
-    add(&mut scene, points, indices, glass(1.5, 0.0));
+    add_sphere(&mut scene, 12, 1.0, Vec3::ZERO, glass(1.5, 0.0));
     look(&mut scene, Vec3::new(0.0, 0.5, 3.0), Vec3::ZERO, 0.3);
     agrees(scene, 1.0, &PATH);
 }
@@ -40,13 +39,9 @@ fn a_ball_of_clear_glass_vanishes_in_a_white_furnace() {
 #[test]
 fn index_one_is_invisible() {
     // A floor under an environment and an area light, seen and lit through a box: shadow rays are all occluded.
-    let mut scene = under_sky(2.0);
-    rectangle(&mut scene, 0.0, [-5.0, 5.0], [-5.0, 5.0], true, lambert(0.5));
-    rectangle(&mut scene, 1.5, [-0.2, 1.0], [-0.7, 0.4], false, area_light(10.0));
-    look(&mut scene, Vec3::new(0.0, 1.0, 3.0), Vec3::ZERO, 1e-3);
-    let corners = [(-0.2, -0.7), (1.0, -0.7), (1.0, 0.4), (-0.2, 0.4)].map(|(x, z)| DVec3::new(x, 1.5, z));
-    let area_light = polygon_irradiance(DVec3::ZERO, &corners);
-    let expected = 0.5 / std::f64::consts::PI * (10.0 * area_light + 2.0 * (std::f64::consts::PI - area_light));
+    let (mut scene, lamp) = floor_under_lamp(Vec3::new(0.0, 1.0, 3.0));
+    scene.environment = Some(Environment::constant([2.0; 3]));
+    let expected = 0.5 / std::f64::consts::PI * (10.0 * lamp + 2.0 * (std::f64::consts::PI - lamp));
     for roughness in [0.0, 0.7] {
         let mut scene = scene.clone();
         closed_box(&mut scene, Vec3::new(-0.5, 0.01, -0.5), Vec3::new(0.5, 0.6, 0.5), glass(1.0, roughness));
@@ -195,9 +190,8 @@ fn each_color_is_bent_by_its_own_index() {
     // samples contribute too.
     let ball = |ior: f32, dispersion: f32| {
         let mut scene = under_sky(0.1);
-        let (points, indices) = sphere(8, 1.0, Vec3::ZERO);
         let absorption = Vec3::new(0.1, 0.4, 0.2);
-        add(&mut scene, points, indices, Material { dispersion, absorption, ..glass(ior, 0.3) });
+        add_sphere(&mut scene, 8, 1.0, Vec3::ZERO, Material { dispersion, absorption, ..glass(ior, 0.3) });
         rectangle(&mut scene, -2.5, [-1.5, -0.3], [-2.0, 2.0], true, area_light(4.0));
         look(&mut scene, Vec3::new(1.5, 3.0, 0.5), Vec3::ZERO, 0.5);
         Stage::new(Arc::new(scene), Backend::Embree)
@@ -238,16 +232,15 @@ fn all_balances_agree_on_a_hall_with_glass() {
 fn nothing_is_infinite_or_undefined_however_deep() {
     // Nested media of many indices and roughnesses, one of them around the camera, some of them emissive.
     let mut scene = under_sky(1.0);
-    let (points, indices) = sphere(5, 8.0, Vec3::ZERO);
-    add(&mut scene, points, indices, Material { absorption: Vec3::splat(0.01), ..glass(1.33, 0.1) });
+    let around = Material { absorption: Vec3::splat(0.01), ..glass(1.33, 0.1) };
+    add_sphere(&mut scene, 5, 8.0, Vec3::ZERO, around);
     for (i, ior) in (0..).zip([0.0, 1.0, 1.000_01, 1.5, 2.4, 50.0]) {
         for (j, roughness) in (0..).zip([0.0, 0.1, 1.0]) {
             let center = Vec3::new(0.8 * i as f32 - 2.0, 0.7 * j as f32 - 0.7, 0.0);
             for radius in [0.6, 0.3] {
-                let (points, indices) = sphere(4, radius, center);
                 let emissive = Vec3::splat(f32::from(u8::from(i == 3)));
                 let absorption = Vec3::new(0.0, 1e30, 1.0);
-                add(&mut scene, points, indices, Material { emissive, absorption, ..glass(ior, roughness) });
+                add_sphere(&mut scene, 4, radius, center, Material { emissive, absorption, ..glass(ior, roughness) });
             }
         }
     }

@@ -20,15 +20,14 @@ use glam::{DVec3, Vec3};
 use crate::helpers::stage::{Stage, add, area_light, closed_box, glass_hall, hall, lambert, look, rectangle};
 use crate::helpers::statistics::Mean;
 
+fn plaster() -> Material {
+    Material { double_sided: true, ..lambert(0.7) }
+}
+
 /// A box with an area light above a thin shelf: all that the camera sees is lit by the ceiling.
 fn cove() -> Arc<Scene> {
     let mut scene = Scene::default();
-    closed_box(
-        &mut scene,
-        Vec3::new(-2.0, 0.0, -2.0),
-        Vec3::new(2.0, 2.5, 2.0),
-        Material { double_sided: true, ..lambert(0.7) },
-    );
+    closed_box(&mut scene, Vec3::new(-2.0, 0.0, -2.0), Vec3::new(2.0, 2.5, 2.0), plaster());
     rectangle(&mut scene, 2.0, [-0.8, 0.8], [-2.0, -1.2], true, lambert(0.6));
     rectangle(&mut scene, 1.99, [-0.8, 0.8], [-2.0, -1.2], false, lambert(0.6));
     rectangle(&mut scene, 2.05, [-0.3, 0.3], [-1.8, -1.5], true, area_light(40.0));
@@ -41,32 +40,32 @@ fn settings(guiding: Choice) -> RenderSettings {
     RenderSettings { width: 36, height: 24, spp: Some(8), balance: Balance::Half, ..even }
 }
 
-/// A training sample that light comes from `wi` to a point of the hall's floor.
-fn training_sample(position: Vec3, wi: Vec3, found: f32) -> TrainingSample {
-    let (pdf, bsdf_pdf) = (0.2, 0.2);
-    TrainingSample {
-        position,
-        normal: Vec3::Y,
-        wi,
-        contribution: found,
-        weight: found * found,
-        pdf,
-        bsdf_pdf,
-        field_pdf: 0.0,
-        light_pdf: 0.0,
-        distance: f32::INFINITY,
-    }
-}
-
-/// Training samples all over the hall, toward directions that `toward` makes of random numbers.
+/// Training samples of light that comes to the hall's floor, from directions that `toward` makes of random numbers.
 fn training_samples(n: u32, toward: impl Fn(&mut SplitMix64) -> (Vec3, f32)) -> Vec<TrainingSample> {
     let mut random = SplitMix64(7);
     let one = |_| {
         let position = Vec3::new(6.0 * random.f32() - 3.0, 0.0, 6.0 * random.f32() - 3.0);
         let (wi, found) = toward(&mut random);
-        training_sample(position, wi, found)
+        TrainingSample {
+            position,
+            normal: Vec3::Y,
+            wi,
+            contribution: found,
+            weight: found * found,
+            pdf: 0.2,
+            bsdf_pdf: 0.2,
+            field_pdf: 0.0,
+            light_pdf: 0.0,
+            distance: f32::INFINITY,
+        }
     };
     (0..n).map(one).collect()
+}
+
+/// What is learned in a scene.
+fn learned_in(stage: &Stage, settings: &RenderSettings) -> GuidingLearner {
+    let unguided = transport(&stage.scene, settings);
+    learned(&stage.scene, settings, &unguided, &AtomicBool::new(false)).unwrap()
 }
 
 #[test]
@@ -183,8 +182,7 @@ fn a_field_of_lies_changes_no_mean() {
 fn a_field_that_was_learned_changes_no_mean_and_takes_noise_away() {
     let stage = Stage::new(cove(), Backend::Embree);
     let settings = settings(Choice::On);
-    let unguided = transport(&stage.scene, &settings);
-    let learned = learned(&stage.scene, &settings, &unguided, &AtomicBool::new(false)).unwrap();
+    let learned = learned_in(&stage, &settings);
     let means = compared(&stage, &settings, learned.field.as_ref().unwrap(), 60);
     assert!(means[0].z_to(&means[1]).abs() < 4.5, "{} {}", means[0].mean, means[1].mean);
     // Of 60 replicas each, a ratio of variances below 0.75 by chance alone is 1 in 7; that the field takes half is seen.
@@ -197,7 +195,6 @@ fn a_field_that_was_learned_changes_no_mean_and_takes_noise_away() {
 /// of their own, outside and inside.
 fn blinds(depth: f32, [outer, inner]: [f32; 2]) -> Arc<Scene> {
     let mut scene = Scene::default();
-    let plaster = || Material { double_sided: true, ..lambert(0.7) };
     closed_box(&mut scene, Vec3::new(-2.0, 0.0, -2.0), Vec3::new(2.0, 2.5, 2.0), plaster());
     for slat in 0..25 {
         let (inner, outer, x) = (0.1 * slat as f32 + inner, 0.1 * slat as f32 + outer, 1.3 + depth);
@@ -213,9 +210,7 @@ fn blinds(depth: f32, [outer, inner]: [f32; 2]) -> Arc<Scene> {
 /// The estimate for a room, and what `auto` has decided about it.
 fn estimated_and_decided(stage: &Stage) -> (f64, GuidingLearner) {
     let settings = |guiding| RenderSettings { width: 320, height: 240, spp: Some(64), ..settings(guiding) };
-    let unguided = transport(&stage.scene, &settings(Choice::Off));
-    let [estimated, decided] = [Choice::On, Choice::Auto]
-        .map(|guiding| learned(&stage.scene, &settings(guiding), &unguided, &AtomicBool::new(false)).unwrap());
+    let [estimated, decided] = [Choice::On, Choice::Auto].map(|guiding| learned_in(stage, &settings(guiding)));
     (estimated.stats.remaining.unwrap(), decided)
 }
 
@@ -241,7 +236,6 @@ fn a_room_that_only_the_estimate_would_guide_is_not() {
 /// A room with twelve bulbs, each in an opaque shade that is open below: every surface sees few of them.
 fn pendants() -> Arc<Scene> {
     let mut scene = Scene::default();
-    let plaster = || Material { double_sided: true, ..lambert(0.7) };
     closed_box(&mut scene, Vec3::new(-3.2, 0.0, -3.6), Vec3::new(3.2, 2.8, 3.6), plaster());
     let corners = |y: f64, half: f64| {
         [[-half, -half], [half, -half], [half, half], [-half, half]].map(|[x, z]| DVec3::new(x, y, z))
@@ -264,9 +258,7 @@ fn rounds_learn_what_those_before_them_found_useless() {
     let stage = Stage::new(pendants(), Backend::Embree);
     let automatic = RenderSettings { width: 320, height: 240, spp: Some(64), ..settings(Choice::Auto) };
     let left = |seed: u32| {
-        let automatic = RenderSettings { seed, ..automatic.clone() };
-        let unguided = transport(&stage.scene, &automatic);
-        let learned = learned(&stage.scene, &automatic, &unguided, &AtomicBool::new(false)).unwrap();
+        let learned = learned_in(&stage, &RenderSettings { seed, ..automatic.clone() });
         assert!(learned.field.is_some(), "seed {seed}: {:?}", learned.stats);
         learned.stats.remaining.unwrap()
     };
@@ -338,9 +330,7 @@ fn a_field_is_no_larger_than_it_may_be() {
     let stage = Stage::new(hall(), Backend::Embree);
     for memory in [1 << 14, 1 << 19, 1 << 24] {
         let settings = RenderSettings { guiding_memory: Some(memory), ..settings(Choice::On) };
-        let unguided = transport(&stage.scene, &settings);
-        let learned = learned(&stage.scene, &settings, &unguided, &AtomicBool::new(false)).unwrap();
-        let bytes = learned.field.map_or(0, |field| field.bytes());
+        let bytes = learned_in(&stage, &settings).field.map_or(0, |field| field.bytes());
         assert!(bytes as u64 <= memory, "{bytes} of {memory}");
     }
 }

@@ -1,16 +1,19 @@
 //! Animations at one time, compared with their formulas; and invalid keys.
 
+use std::path::PathBuf;
+
 use bismar::scene::import::{ImportOptions, Imported, NoteKind, Pose, Shutter, import};
 use bismar::scene::{Projection, TextureSlot};
 use glam::{Affine3A, Quat, Vec3, vec3};
 use serde_json::{Value, json};
 
-use crate::helpers::gltf_parts::{LONGEST, TRIANGLE, attempt, check_scene, data_uri, floats, scene_file};
+use crate::helpers::glb::{self, Data};
+use crate::helpers::gltf_parts::{LONGEST, TRIANGLE, attempt, check_scene, data_uri, scene_file};
 
-/// A triangle in a node, with room for animations: data, accessors and views grow as they are asked for.
+/// A triangle in a node, with room for animations.
 struct Moving {
     document: Value,
-    data: Vec<u8>,
+    data: Data,
 }
 
 impl Moving {
@@ -18,35 +21,16 @@ impl Moving {
         let document = json!({
             "asset": { "version": "2.0" }, "scenes": [{ "nodes": [0] }], "nodes": [{ "mesh": 0 }],
             "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0 }, "material": 0 }] }],
-            "materials": [{}], "accessors": [], "bufferViews": [], "animations": [],
+            "materials": [{}], "animations": [],
         });
-        let mut out = Self { document, data: Vec::new() };
-        out.floats(&TRIANGLE, "VEC3");
-        out
-    }
-
-    /// The index of an accessor of these floats.
-    fn floats(&mut self, values: &[f32], shape: &str) -> usize {
-        let width = match shape {
-            "SCALAR" => 1,
-            "VEC2" => 2,
-            "VEC3" => 3,
-            _ => 4,
-        };
-        let (start, bytes) = (self.data.len(), floats(values));
-        self.data.extend(&bytes);
-        let views = self.document["bufferViews"].as_array_mut().unwrap();
-        views.push(json!({ "buffer": 0, "byteOffset": start, "byteLength": bytes.len() }));
-        let view = views.len() - 1;
-        let accessors = self.document["accessors"].as_array_mut().unwrap();
-        accessors
-            .push(json!({ "bufferView": view, "componentType": 5126, "count": values.len() / width, "type": shape }));
-        accessors.len() - 1
+        let mut data = Data::default();
+        data.floats(&TRIANGLE, "VEC3");
+        Self { document, data }
     }
 
     /// Adds an animation of one channel.
     fn animate(&mut self, name: &str, target: Value, interpolation: &str, times: &[f32], values: &[f32], shape: &str) {
-        let (input, output) = (self.floats(times, "SCALAR"), self.floats(values, shape));
+        let (input, output) = (self.data.floats(times, "SCALAR"), self.data.floats(values, shape));
         self.document["animations"].as_array_mut().unwrap().push(json!({
             "name": name,
             "samplers": [{ "input": input, "output": output, "interpolation": interpolation }],
@@ -59,11 +43,8 @@ impl Moving {
         self.animate("", target, "LINEAR", times, values, shape);
     }
 
-    fn text(&self) -> String {
-        let mut document = self.document.clone();
-        document["buffers"] =
-            json!([{ "byteLength": self.data.len(), "uri": data_uri("application/octet-stream", &self.data) }]);
-        document.to_string()
+    fn file(&self) -> (tempfile::TempDir, PathBuf) {
+        scene_file("scene.glb", self.data.file(self.document.clone()))
     }
 
     fn at(&self, seconds: f64, animation: Option<&str>) -> Result<Imported, bismar::Error> {
@@ -77,7 +58,7 @@ impl Moving {
     }
 
     fn pose(&self, pose: Pose) -> Result<Imported, bismar::Error> {
-        let (_folder, path) = scene_file("scene.gltf", self.text());
+        let (_folder, path) = self.file();
         import(&path, &ImportOptions { pose: Some(pose), ..Default::default() })
     }
 
@@ -167,9 +148,9 @@ fn rotations_take_the_shortest_way_on_the_sphere() {
 #[test]
 fn weights_move_positions_and_colours() {
     let mut moving = Moving::new();
-    let lifted = moving.floats(&[0.0, 0.0, 1.0].repeat(3), "VEC3");
-    let color = moving.floats(&[1.0, 1.0, 1.0].repeat(3), "VEC3");
-    let darker = moving.floats(&[-0.5, -0.25, 0.0].repeat(3), "VEC3");
+    let lifted = moving.data.floats(&[0.0, 0.0, 1.0].repeat(3), "VEC3");
+    let color = moving.data.floats(&[1.0, 1.0, 1.0].repeat(3), "VEC3");
+    let darker = moving.data.floats(&[-0.5, -0.25, 0.0].repeat(3), "VEC3");
     let primitive = &mut moving.document["meshes"][0]["primitives"][0];
     primitive["attributes"]["COLOR_0"] = color.into();
     primitive["targets"] = json!([{ "POSITION": lifted }, { "COLOR_0": darker }]);
@@ -193,10 +174,9 @@ fn pointers_move_materials_lights_cameras_textures_and_visibility() {
     moving.document["cameras"] = json!([{ "type": "perspective", "perspective": { "yfov": 0.5, "znear": 0.1 } }]);
     moving.document["extensions"] = json!({ "KHR_lights_punctual": { "lights": [{ "type": "point" }] } });
     moving.document["textures"] = json!([{ "source": 0 }]);
-    let mut png = std::io::Cursor::new(Vec::new());
-    image::RgbImage::new(2, 2).write_to(&mut png, image::ImageFormat::Png).unwrap();
-    moving.document["images"] = json!([{ "uri": data_uri("image/png", &png.into_inner()) }]);
-    let texcoords = moving.floats(&[0.0; 6], "VEC2");
+    let png = glb::png(image::RgbImage::new(2, 2));
+    moving.document["images"] = json!([{ "uri": data_uri("image/png", &png) }]);
+    let texcoords = moving.data.floats(&[0.0; 6], "VEC2");
     moving.document["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"] = texcoords.into();
     moving.document["materials"][0] = json!({ "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 } } });
     let times = [0.0, 1.0];
@@ -236,7 +216,7 @@ fn one_animation_or_all_are_played_and_the_report_says_which() {
     let error = moving.at(0.5, Some("jump")).unwrap_err();
     assert!(error.exit_code() == 64 && error.to_string().contains("0  left"), "{error}");
     // At rest without a pose, and said so.
-    let (_folder, path) = scene_file("scene.gltf", moving.text());
+    let (_folder, path) = moving.file();
     let rest = import(&path, &ImportOptions::default()).unwrap();
     assert_eq!(axes(&rest), [Vec3::ZERO, Vec3::X, Vec3::Y]);
     assert!(rest.report.of_kind(NoteKind::Approximated).any(|n| n.text.contains("at rest")));
@@ -263,7 +243,7 @@ fn keys_that_make_no_sense_are_refused_with_their_place() {
             assert!(error.exit_code() == 65 && error.to_string().contains(word), "{path} {word}: {error}");
         }
         // At rest nothing needs them.
-        let (_folder, path) = scene_file("scene.gltf", moving.text());
+        let (_folder, path) = moving.file();
         import(&path, &ImportOptions::default()).unwrap();
     }
 }
@@ -306,7 +286,7 @@ fn a_million_keys_are_read_in_time() {
     let values: Vec<f32> = times.iter().flat_map(|t| [*t, 0.0, 0.0]).collect();
     moving.animate("", node("translation"), "LINEAR", &times, &values, "VEC3");
     assert_eq!(moving.placed(777_777.5)[0].x, 777_777.5);
-    let (_folder, path) = scene_file("scene.gltf", moving.text());
+    let (_folder, path) = moving.file();
     let (_, time) = attempt(&path);
     assert!(time < LONGEST, "{time:?}");
     moving.blurred(777_777.5, None).unwrap();
@@ -367,17 +347,10 @@ fn motion_that_makes_no_sense_is_told_or_stands_still() {
 
 #[test]
 fn invalid_skins_are_reported_at_any_time_sample() {
-    let skinned = |joint: f32, change: &dyn Fn(&mut Value)| {
+    let skinned = |joint: u8, change: &dyn Fn(&mut Value)| {
         let mut moving = Moving::new();
-        let weights = moving.floats(&[1.0, 0.0, 0.0, 0.0].repeat(3), "VEC4");
-        let start = moving.data.len();
-        moving.data.extend([joint as u8, 0, 0, 0].repeat(3));
-        let views = moving.document["bufferViews"].as_array_mut().unwrap();
-        views.push(json!({ "buffer": 0, "byteOffset": start, "byteLength": 12 }));
-        let view = views.len() - 1;
-        let accessors = moving.document["accessors"].as_array_mut().unwrap();
-        accessors.push(json!({ "bufferView": view, "componentType": 5121, "count": 3, "type": "VEC4" }));
-        let joints = accessors.len() - 1;
+        let weights = moving.data.floats(&[1.0, 0.0, 0.0, 0.0].repeat(3), "VEC4");
+        let joints = moving.data.accessor(&[joint, 0, 0, 0].repeat(3), 5121, 3, "VEC4");
         let attributes = &mut moving.document["meshes"][0]["primitives"][0]["attributes"];
         (attributes["JOINTS_0"], attributes["WEIGHTS_0"]) = (joints.into(), weights.into());
         moving.document["nodes"] = json!([{ "mesh": 0, "skin": 0 }, { "children": [2] }, {}]);
@@ -389,16 +362,16 @@ fn invalid_skins_are_reported_at_any_time_sample() {
         change(&mut moving.document);
         moving
     };
-    let sound = skinned(1.0, &|_| ()).blurred(0.5, None).unwrap();
+    let sound = skinned(1, &|_| ()).blurred(0.5, None).unwrap();
     assert!(sound.scene.meshes[0].motion.is_some() && sound.scene.instances[0].motion.is_none());
     type Change = fn(&mut Value);
-    let cases: [(&str, f32, Change); 6] = [
-        ("a joint that is not there", 2.0, |_| ()),
-        ("a joint beyond all nodes", 1.0, |d| d["skins"][0]["joints"] = json!([1, 99])),
-        ("nodes in a circle", 1.0, |d| d["nodes"][2]["children"] = json!([1])),
-        ("a node under itself", 1.0, |d| d["nodes"][1]["children"] = json!([1])),
-        ("no skin of that number", 1.0, |d| d["nodes"][0]["skin"] = json!(7)),
-        ("no joints", 1.0, |d| d["skins"][0]["joints"] = json!([])),
+    let cases: [(&str, u8, Change); 6] = [
+        ("a joint that is not there", 2, |_| ()),
+        ("a joint beyond all nodes", 1, |d| d["skins"][0]["joints"] = json!([1, 99])),
+        ("nodes in a circle", 1, |d| d["nodes"][2]["children"] = json!([1])),
+        ("a node under itself", 1, |d| d["nodes"][1]["children"] = json!([1])),
+        ("no skin of that number", 1, |d| d["nodes"][0]["skin"] = json!(7)),
+        ("no joints", 1, |d| d["skins"][0]["joints"] = json!([])),
     ];
     for (what, joint, change) in cases {
         let moving = skinned(joint, &change);
@@ -408,6 +381,6 @@ fn invalid_skins_are_reported_at_any_time_sample() {
         }
     }
     // A skin whose joint carries the mesh that it moves is no circle: joints alone place it.
-    let own = skinned(1.0, &|d| d["skins"][0]["joints"] = json!([1, 0]));
+    let own = skinned(1, &|d| d["skins"][0]["joints"] = json!([1, 0]));
     is_told_or_finite("its own joint", own.blurred(0.5, None)).unwrap();
 }

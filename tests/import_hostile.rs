@@ -7,8 +7,9 @@ use bismar::Error;
 use bismar::rays::{self, Backend};
 use bismar::scene::import::Imported;
 
-use crate::helpers::glb;
+use crate::helpers::glb::{self, BIN, JSON, container};
 use crate::helpers::gltf_parts::{LONGEST, Parts, TRIANGLE, attempt, check_scene, floats, scene_file};
+use crate::import_content::{accessor, with};
 
 /// Imports a document; a panic or a long wait fails the test.
 fn import_json(document: &str) -> Result<Imported, Error> {
@@ -101,7 +102,7 @@ fn memory_out_of_proportion_is_refused() {
 
 #[test]
 fn one_file_named_many_times_counts_once() {
-    let (folder, path) = scene_file("data.bin", vec![0; 8 << 20]);
+    let (_folder, path) = scene_file("data.bin", vec![0; 8 << 20]);
     let buffer = r#"{"uri":"data.bin","byteLength":8388608}"#;
     let view = |i: usize| format!(r#"{{"buffer":{i},"byteLength":8388608}}"#);
     let accessor = |i: usize| format!(r#"{{"bufferView":{i},"componentType":5126,"count":699050,"type":"VEC3"}}"#);
@@ -127,44 +128,31 @@ fn one_file_named_many_times_counts_once() {
     );
     std::fs::write(&scene, json).unwrap();
     refused(in_time(&scene), &["unfold"]);
-    drop(folder);
 }
 
 #[test]
 fn lying_accessors_are_refused() {
-    let view = r#""bufferView":0"#;
-    for (accessor, words) in [
-        (format!(r#"{{{view},"componentType":5126,"count":4,"type":"VEC3"}}"#), ["accessors[0]", "36 bytes"]),
-        (format!(r#"{{{view},"componentType":5126,"count":0,"type":"VEC3"}}"#), ["accessors[0].count", "at least 1"]),
-        (format!(r#"{{{view},"componentType":5126,"count":-1,"type":"VEC3"}}"#), ["accessors[0].count", "-1"]),
-        (format!(r#"{{{view},"componentType":5126,"count":2.5,"type":"VEC3"}}"#), ["accessors[0].count", "2.5"]),
-        (
-            format!(r#"{{{view},"componentType":5126,"count":18446744073709551615,"type":"VEC3"}}"#),
-            ["accessors[0]", "36"],
-        ),
-        (
-            format!(r#"{{{view},"componentType":5126,"count":1,"byteOffset":18446744073709551612,"type":"VEC3"}}"#),
-            ["accessors[0].byteOffset", ""],
-        ),
-        (
-            format!(r#"{{{view},"componentType":5126,"count":1,"byteOffset":2,"type":"VEC3"}}"#),
-            ["accessors[0].byteOffset", "multiple of 4"],
-        ),
-        (format!(r#"{{{view},"componentType":5122,"count":3,"type":"VEC3"}}"#), ["POSITION", "SHORT"]),
-        (format!(r#"{{{view},"componentType":5126,"count":3,"type":"VEC2"}}"#), ["POSITION", "VEC2"]),
-        (format!(r#"{{{view},"componentType":5124,"count":3,"type":"VEC3"}}"#), ["accessors[0].componentType", "5124"]),
-        (r#"{"bufferView":7,"componentType":5126,"count":3,"type":"VEC3"}"#.into(), ["accessors[0].bufferView", "7"]),
+    let import = |component: u32, fields: &str, shape: &str| {
+        let accessor = format!(r#"{{"bufferView":0,"componentType":{component},{fields},"type":"{shape}"}}"#);
+        Parts { accessor, ..Default::default() }.import()
+    };
+    for (component, fields, shape, words) in [
+        (5126, r#""count":4"#, "VEC3", ["accessors[0]", "36 bytes"]),
+        (5126, r#""count":0"#, "VEC3", ["accessors[0].count", "at least 1"]),
+        (5126, r#""count":-1"#, "VEC3", ["accessors[0].count", "-1"]),
+        (5126, r#""count":2.5"#, "VEC3", ["accessors[0].count", "2.5"]),
+        (5126, r#""count":18446744073709551615"#, "VEC3", ["accessors[0]", "36"]),
+        (5126, r#""count":1,"byteOffset":18446744073709551612"#, "VEC3", ["accessors[0].byteOffset", ""]),
+        (5126, r#""count":1,"byteOffset":2"#, "VEC3", ["accessors[0].byteOffset", "multiple of 4"]),
+        (5122, r#""count":3"#, "VEC3", ["POSITION", "SHORT"]),
+        (5126, r#""count":3"#, "VEC2", ["POSITION", "VEC2"]),
+        (5124, r#""count":3"#, "VEC3", ["accessors[0].componentType", "5124"]),
     ] {
-        refused(Parts { accessor, ..Default::default() }.import(), &words);
+        refused(import(component, fields, shape), &words);
     }
-    assert!(
-        Parts {
-            accessor: format!(r#"{{{view},"componentType":5126,"count":3.0,"type":"VEC3"}}"#),
-            ..Default::default()
-        }
-        .import()
-        .is_ok()
-    );
+    let accessor = r#"{"bufferView":7,"componentType":5126,"count":3,"type":"VEC3"}"#.into();
+    refused(Parts { accessor, ..Default::default() }.import(), &["accessors[0].bufferView", "7"]);
+    assert!(import(5126, r#""count":3.0"#, "VEC3").is_ok());
 }
 
 #[test]
@@ -178,15 +166,8 @@ fn wrong_values_are_refused_with_their_place() {
         assert!(imported.report.notes.iter().any(|note| note.text.contains("not finite")));
     }
     let with_indices = |indices: &[u8]| {
-        let mut positions = floats(&TRIANGLE);
-        let n = indices.len();
-        positions.extend(indices);
-        let accessor = format!(
-            r#"{{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"}},
-            {{"bufferView":0,"byteOffset":36,"componentType":5121,"count":{n},"type":"SCALAR"}}"#
-        );
-        let primitive = r#"{"attributes":{"POSITION":0},"indices":1}"#.into();
-        Parts { positions, accessor, primitive, ..Default::default() }.import()
+        let accessor = accessor(36, 5121, indices.len(), "SCALAR", false);
+        with(indices.to_vec(), &accessor, r#"{"attributes":{"POSITION":0},"indices":1}"#).import()
     };
     assert_eq!(with_indices(&[0, 1, 2, 2, 1, 0]).unwrap().report.counts.triangles, 2);
     refused(with_indices(&[0, 1, 3]), &["accessors[1]", "below 3", "3 as number 2"]);
@@ -195,20 +176,17 @@ fn wrong_values_are_refused_with_their_place() {
 
 #[test]
 fn values_of_wrong_types_are_refused_with_their_place_and_what_was_wanted() {
-    let camera = |camera: &str| (format!(r#","cameras":[{camera}]"#), r#"[{"mesh":0,"camera":0}]"#, "cameras[0]");
-    let light = |light: &str| {
-        let nodes = r#"[{"mesh":0,"extensions":{"KHR_lights_punctual":{"light":0}}}]"#;
-        let more = format!(r#","extensions":{{"KHR_lights_punctual":{{"lights":[{light}]}}}}"#);
-        (more, nodes, "extensions.KHR_lights_punctual.lights[0]")
+    let camera = |camera: &str| {
+        let (nodes, more) = (r#"[{"mesh":0,"camera":0}]"#.into(), format!(r#","cameras":[{camera}]"#));
+        (Parts { nodes, more, ..Default::default() }, "cameras[0]")
     };
-    let material =
-        |material: &str| (format!(r#","materials":[{material}],"textures":[{{}}]"#), r#"[{"mesh":0}]"#, "materials[0]");
-    let import = |more: String, nodes: &str| {
-        let primitive = r#"{"attributes":{"POSITION":0},"material":0}"#.into();
-        let more = if more.contains("materials") { more } else { format!(r#"{more},"materials":[{{}}]"#) };
-        Parts { primitive, nodes: nodes.into(), more, ..Default::default() }.import()
+    let light = |light: &str| (Parts::of_light(light), "extensions.KHR_lights_punctual.lights[0]");
+    let material = |material: &str| {
+        let mut parts = Parts::of_materials(material);
+        parts.more += r#","textures":[{}]"#;
+        (parts, "materials[0]")
     };
-    for ((more, nodes, at), words) in [
+    for ((parts, at), words) in [
         (material(r#"{"normalTexture":{"index":0,"scale":"big"}}"#), [".normalTexture.scale", "a number", "big"]),
         (material(r#"{"normalTexture":{"index":4294967296}}"#), [".normalTexture.index", "an index", "4294967296"]),
         (material(r#"{"normalTexture":{"index":1}}"#), [".normalTexture.index", "textures", "1"]),
@@ -230,11 +208,11 @@ fn values_of_wrong_types_are_refused_with_their_place_and_what_was_wanted() {
         (light(r#"{"type":"point","range":-1}"#), [".range", "above 0", "-1"]),
     ] {
         let words = [&format!("{at}{}", if words[0].is_empty() { ":" } else { "" }), words[0], words[1], words[2]];
-        refused(import(more, nodes), &words);
+        refused(parts.import(), &words);
     }
     // JSON has one kind of number.
-    let (more, nodes, _) = material(r#"{"normalTexture":{"index":0.0,"texCoord":1.0,"scale":10000000000}}"#);
-    assert_eq!(import(more, nodes).unwrap().scene.materials[0].normal_scale, 1e10);
+    let (parts, _) = material(r#"{"normalTexture":{"index":0.0,"texCoord":1.0,"scale":10000000000}}"#);
+    assert_eq!(parts.import().unwrap().scene.materials[0].normal_scale, 1e10);
 }
 
 #[test]
@@ -275,10 +253,7 @@ fn uris_cannot_leave_the_scenes_folder() {
     std::os::unix::fs::symlink("/dev/zero", inner.join("zero.bin")).unwrap();
     let path = inner.join("scene.gltf");
     let import_uri = |uri: &str| {
-        let json = Parts::default().json();
-        let start = json.find("data:").unwrap();
-        let end = start + json[start..].find('"').unwrap();
-        std::fs::write(&path, format!("{}{uri}{}", &json[..start], &json[end..])).unwrap();
+        std::fs::write(&path, Parts::default().json_with(uri)).unwrap();
         in_time(&path)
     };
     for good in ["sub/in side.bin", "sub/in%20side.bin", "./sub/../sub/in%20side.bin"] {
@@ -330,21 +305,6 @@ fn what_is_no_scene_file_is_refused() {
     assert_eq!(in_time(&folder.path().join("nothing.gltf")).unwrap_err().exit_code(), 66);
 }
 
-/// A GLB of chunks (type, bytes), whatever they are.
-fn container(chunks: &[(u32, &[u8])]) -> Vec<u8> {
-    let length = 12 + chunks.iter().map(|(_, bytes)| 8 + bytes.len()).sum::<usize>();
-    let mut out = b"glTF".to_vec();
-    out.extend([2, length as u32].iter().flat_map(|x| x.to_le_bytes()));
-    for (kind, bytes) in chunks {
-        out.extend([bytes.len() as u32, *kind].iter().flat_map(|x| x.to_le_bytes()));
-        out.extend(*bytes);
-    }
-    out
-}
-
-const JSON: u32 = 0x4E4F_534A;
-const BIN: u32 = 0x004E_4942;
-
 #[test]
 fn the_small_glb_uses_all_that_it_has() {
     let (_folder, path) = scene_file("small.glb", glb::quad());
@@ -365,7 +325,7 @@ fn glb_headers_that_lie_are_refused() {
         bytes[at..at + 4].copy_from_slice(&word.to_le_bytes());
         bytes
     };
-    let (folder, path) = scene_file("scene.glb", &good);
+    let (_folder, path) = scene_file("scene.glb", &good);
     assert!(in_time(&path).is_ok());
     for (bytes, word) in [
         (patched(0, 0), "magic"),
@@ -385,7 +345,6 @@ fn glb_headers_that_lie_are_refused() {
         std::fs::write(&path, bytes).unwrap();
         refused(in_time(&path), &["scene.glb", word]);
     }
-    drop(folder);
 }
 
 #[test]
@@ -403,7 +362,7 @@ fn a_picture_that_claims_to_be_huge_is_refused_before_it_is_decoded() {
         let header = [&side.to_be_bytes()[..], &side.to_be_bytes(), &[8, 6, 0, 0, 0]].concat();
         let png =
             [b"\x89PNG\r\n\x1a\n".as_slice(), &chunk(b"IHDR", &header), &chunk(b"IDAT", b"x"), &chunk(b"IEND", b"")];
-        let (folder, path) = scene_file("huge.png", png.concat());
+        let (_folder, path) = scene_file("huge.png", png.concat());
         let primitive = r#"{"attributes":{"POSITION":0,"TEXCOORD_0":1},"material":0}"#.into();
         let accessor = format!(r#"{},{{"componentType":5126,"count":3,"type":"VEC2"}}"#, Parts::default().accessor);
         let more = r#","materials":[{"pbrMetallicRoughness":{"baseColorTexture":{"index":0}}}],
@@ -413,6 +372,5 @@ fn a_picture_that_claims_to_be_huge_is_refused_before_it_is_decoded() {
         let scene = path.with_file_name("scene.gltf");
         std::fs::write(&scene, json).unwrap();
         refused(in_time(&scene), &["images[0]"]);
-        drop(folder);
     }
 }

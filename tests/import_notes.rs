@@ -3,6 +3,7 @@
 use bismar::scene::import::{ImportOptions, NoteKind, import};
 use bismar::scene::{PunctualKind, Scene, TextureSlot};
 
+use crate::helpers::glb;
 use crate::helpers::gltf_parts::{Parts, TRIANGLE, check_scene, floats, scene_file};
 use crate::import_content::{accessor, with};
 
@@ -24,9 +25,8 @@ fn vertex_colours_are_clamped() {
 
 #[test]
 fn a_specular_factor_above_1_is_clamped() {
-    let more = r#","materials":[{"extensions":{"KHR_materials_specular":{"specularFactor":1.5}}}]"#.into();
-    let primitive = r#"{"attributes":{"POSITION":0},"material":0}"#.into();
-    let scene = noted(Parts { primitive, more, ..Default::default() }, NoteKind::Repaired, "clamped");
+    let parts = Parts::of_materials(r#"{"extensions":{"KHR_materials_specular":{"specularFactor":1.5}}}"#);
+    let scene = noted(parts, NoteKind::Repaired, "clamped");
     assert_eq!(scene.materials[0].specular, 1.0);
 }
 
@@ -42,18 +42,13 @@ fn names_and_numbers_that_the_specification_does_not_know_are_notes() {
 
 #[test]
 fn equal_cone_angles_make_a_spot_and_unknown_types_no_light() {
-    let lit = |light: &str| Parts {
-        nodes: r#"[{"mesh":0,"extensions":{"KHR_lights_punctual":{"light":0}}}]"#.into(),
-        more: format!(r#","extensions":{{"KHR_lights_punctual":{{"lights":[{light}]}}}}"#),
-        ..Default::default()
-    };
-    let spot = |angles: &str| lit(&format!(r#"{{"type":"spot","spot":{{{angles}}}}}"#));
+    let spot = |angles: &str| Parts::of_light(&format!(r#"{{"type":"spot","spot":{{{angles}}}}}"#));
     let scene = noted(spot(r#""innerConeAngle":0.5,"outerConeAngle":0.5"#), NoteKind::Repaired, "cone angles");
     assert_eq!(scene.lights[0].kind, PunctualKind::Spot { inner: 0.5, outer: 0.5 });
     for refused in [r#""innerConeAngle":0.6,"outerConeAngle":0.5"#, r#""outerConeAngle":0"#, r#""outerConeAngle":2"#] {
         assert!(spot(refused).import().is_err(), "{refused}");
     }
-    assert!(noted(lit(r#"{"type":"area"}"#), NoteKind::Ignored, "type").lights.is_empty());
+    assert!(noted(Parts::of_light(r#"{"type":"area"}"#), NoteKind::Ignored, "type").lights.is_empty());
 }
 
 #[test]
@@ -65,10 +60,7 @@ fn a_byte_order_mark_is_skipped() {
 
 #[test]
 fn a_backslash_separates_folders_unless_a_file_has_it_in_its_name() {
-    let json = Parts::default().json();
-    let (start, end) = (json.find("data:").unwrap(), json.find("\"}]}").unwrap());
-    let json = format!(r"{}sub\\data.bin{}", &json[..start], &json[end..]);
-    let (folder, path) = scene_file("scene.gltf", json);
+    let (folder, path) = scene_file("scene.gltf", Parts::default().json_with(r"sub\\data.bin"));
     let second = || {
         let imported = import(&path, &ImportOptions::default()).unwrap();
         assert!(imported.report.of_kind(NoteKind::Repaired).any(|n| n.at == "buffers[0].uri"));
@@ -137,25 +129,16 @@ fn a_fault_in_a_file_that_shows_nothing_is_an_error() {
     assert!(error.to_string().contains("accessors[0]"), "{error}");
 }
 
-fn png() -> Vec<u8> {
-    let mut png = std::io::Cursor::new(Vec::new());
-    image::RgbImage::from_fn(64, 64, |x, y| image::Rgb([x as u8, y as u8, (x * y) as u8]))
-        .write_to(&mut png, image::ImageFormat::Png)
-        .unwrap();
-    png.into_inner()
-}
-
 #[test]
 fn a_picture_that_cannot_be_used_leaves_the_factor() {
-    let good = png();
-    let mut damaged = good.clone();
-    damaged.truncate(good.len() / 2);
+    let good = glb::png(image::RgbImage::from_fn(64, 64, |x, y| image::Rgb([x as u8, y as u8, (x * y) as u8])));
+    let damaged = &good[..good.len() / 2];
     let primitive = r#"{"attributes":{"POSITION":0,"NORMAL":0,"TEXCOORD_0":1},"material":0}"#;
     let more = r#","materials":[{"normalTexture":{"index":0},"pbrMetallicRoughness":{"baseColorTexture":{"index":1}}}],
         "textures":[{"source":0},{"source":1}],"images":[{"uri":"bad.png","mimeType":"image/avif"},{"uri":"good.png"}]"#;
     let mut parts = with(floats(&[0.0, 0.0, 1.0, 0.0, 0.0, 1.0]), &accessor(36, 5126, 3, "VEC2", false), primitive);
     parts.more = more.into();
-    for bad in [None, Some(&damaged[..]), Some(b"\x89PNG damaged"), Some(b"GIF89a"), Some(b"")] {
+    for bad in [None, Some(damaged), Some(b"\x89PNG damaged"), Some(b"GIF89a"), Some(b"")] {
         let (folder, path) = scene_file("scene.gltf", parts.json());
         std::fs::write(folder.path().join("good.png"), &good).unwrap();
         if let Some(bad) = bad {

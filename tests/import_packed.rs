@@ -14,9 +14,10 @@ use meshoptimizer_rs::codec::{self, IndexEncoding, VertexEncoding};
 use serde_json::{Value, json};
 
 use crate::helpers::glb;
-use crate::helpers::gltf_parts::{Parts, check_scene, floats, scene_file};
+use crate::helpers::gltf_parts::{check_scene, floats, scene_file};
 use crate::helpers::random::Random;
 use crate::helpers::shared;
+use crate::import_content::{accessor, with};
 
 const SIDE: usize = 17;
 
@@ -71,21 +72,6 @@ impl Hills {
     }
 }
 
-/// Streams one after the other, at multiples of 4, with their places.
-#[derive(Default)]
-struct Binary {
-    bytes: Vec<u8>,
-}
-
-impl Binary {
-    fn add(&mut self, stream: &[u8]) -> (usize, usize) {
-        self.bytes.resize(self.bytes.len().next_multiple_of(4), 0);
-        let start = self.bytes.len();
-        self.bytes.extend(stream);
-        (start, stream.len())
-    }
-}
-
 fn document(accessors: Value, views: Value, buffers: Value, primitive: Value, required: &str) -> Value {
     json!({
         "asset": { "version": "2.0" }, "extensionsRequired": [required], "extensionsUsed": [required],
@@ -119,8 +105,7 @@ pub fn meshopt(extension: &str, version: u8, exponential: bool, sequence: bool) 
         true => codec::encode_index_sequence(&corners, encoding, &mut workspace).unwrap(),
         false => codec::encode_index_buffer(&corners, encoding, &mut workspace).unwrap(),
     };
-    let mut binary = Binary::default();
-    let (mut views, mut offset) = (Vec::new(), 0);
+    let (mut binary, mut views, mut offset) = (Vec::new(), Vec::new(), 0);
     let mode = if sequence { "INDICES" } else { "TRIANGLES" };
     let filter = if exponential { "EXPONENTIAL" } else { "NONE" };
     for (stream, count, stride, mode, filter) in [
@@ -128,7 +113,9 @@ pub fn meshopt(extension: &str, version: u8, exponential: bool, sequence: bool) 
         (normals, n, 4, "ATTRIBUTES", "OCTAHEDRAL"),
         (indices, corners.len(), 2, mode, "NONE"),
     ] {
-        let (start, length) = binary.add(&stream);
+        binary.resize(binary.len().next_multiple_of(4), 0);
+        let (start, length) = (binary.len(), stream.len());
+        binary.extend(stream);
         let mut view = json!({ "buffer": 1, "byteOffset": offset, "byteLength": count * stride, "extensions": {
             extension: { "buffer": 0, "byteOffset": start, "byteLength": length, "byteStride": stride, "count": count,
                 "mode": mode, "filter": filter } } });
@@ -144,7 +131,7 @@ pub fn meshopt(extension: &str, version: u8, exponential: bool, sequence: bool) 
         { "bufferView": 2, "componentType": 5123, "count": corners.len(), "type": "SCALAR" },
     ]);
     let buffers = json!([
-        { "byteLength": binary.bytes.len() },
+        { "byteLength": binary.len() },
         { "byteLength": offset, "extensions": { extension: { "fallback": true } } },
     ]);
     let primitive = json!({ "attributes": { "POSITION": 0, "NORMAL": 1 }, "indices": 2 });
@@ -152,7 +139,7 @@ pub fn meshopt(extension: &str, version: u8, exponential: bool, sequence: bool) 
     for list in ["extensionsRequired", "extensionsUsed"] {
         document[list] = json!([extension, "KHR_mesh_quantization"]);
     }
-    glb::file(&document, &binary.bytes)
+    glb::file(&document, &binary)
 }
 
 const DRACO: &str = "KHR_draco_mesh_compression";
@@ -250,12 +237,8 @@ fn a_stream_that_is_not_what_the_document_says_is_refused() {
     refused(&packed, r#""filter":"OCTAHEDRAL""#, r#""filter":"COLOR""#, "filter");
     refused(&packed, r#""count":289,"filter""#, r#""count":288,"filter""#, "expected elements that fill the view's");
     let packed = draco(0);
-    refused(
-        &packed,
-        r#""NORMAL":1,"POSITION":0},"bufferView""#,
-        r#""NORMAL":7,"POSITION":0},"bufferView""#,
-        "an attribute 7",
-    );
+    let attributes = |normal: u32| format!(r#""NORMAL":{normal},"POSITION":0}},"bufferView""#);
+    refused(&packed, &attributes(1), &attributes(7), "an attribute 7");
     refused(&packed, r#""count":1536"#, r#""count":1539"#, "289 vertices and 513 triangles");
     refused(&packed, r#""count":1536"#, r#""count":1533"#, "the Draco stream is damaged");
     refused(&packed, r#""componentType":5126"#, r#""componentType":5123"#, "VEC3");
@@ -263,21 +246,14 @@ fn a_stream_that_is_not_what_the_document_says_is_refused() {
 
 /// A triangle with a base colour from `textures`, in a folder with pictures.
 fn textured(textures: &str, images: &[(&str, &[u8])]) -> Imported {
-    let mut positions = floats(&[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]);
-    positions.extend(floats(&[0.0, 0.0, 1.0, 0.0, 0.0, 1.0]));
-    let parts = Parts {
-        positions,
-        accessor: r#"{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"},
-            {"bufferView":0,"byteOffset":36,"componentType":5126,"count":3,"type":"VEC2"}"#
-            .into(),
-        primitive: r#"{"attributes":{"POSITION":0,"TEXCOORD_0":1},"material":0}"#.into(),
-        more: format!(
-            r#","materials":[{{"pbrMetallicRoughness":{{"baseColorTexture":{{"index":0}}}}}}],"textures":[{textures}],
-            "images":[{}]"#,
-            images.iter().map(|(name, _)| format!(r#"{{"uri":"{name}"}}"#)).collect::<Vec<_>>().join(",")
-        ),
-        ..Default::default()
-    };
+    let primitive = r#"{"attributes":{"POSITION":0,"TEXCOORD_0":1},"material":0}"#;
+    let coordinates = floats(&[0.0, 0.0, 1.0, 0.0, 0.0, 1.0]);
+    let mut parts = with(coordinates, &accessor(36, 5126, 3, "VEC2", false), primitive);
+    parts.more = format!(
+        r#","materials":[{{"pbrMetallicRoughness":{{"baseColorTexture":{{"index":0}}}}}}],"textures":[{textures}],
+        "images":[{}]"#,
+        images.iter().map(|(name, _)| format!(r#"{{"uri":"{name}"}}"#)).collect::<Vec<_>>().join(",")
+    );
     let (folder, path) = scene_file("scene.gltf", parts.json());
     images.iter().for_each(|(name, bytes)| fs::write(folder.path().join(name), bytes).unwrap());
     import(&path, &ImportOptions::default()).unwrap()
@@ -309,6 +285,11 @@ fn webp_is_decoded_and_preferred_and_its_fallback_taken_where_it_is_damaged() {
     assert_eq!(shown(&textured(alone, &[("a.webp", damaged)]).scene), None);
 }
 
+/// A triangle with a KTX2 picture.
+fn basis_universal(picture: &[u8]) -> Imported {
+    textured(r#"{"extensions":{"KHR_texture_basisu":{"source":0}}}"#, &[("a.ktx2", picture)])
+}
+
 /// A KTX2 file of one level of 16 x 16 texels in UASTC blocks. `vk_format` 0 says that they are.
 pub fn ktx2(blocks: &[u8], vk_format: u32) -> Vec<u8> {
     let mut out = b"\xABKTX 20\xBB\r\n\x1A\n".to_vec();
@@ -327,13 +308,12 @@ pub fn ktx2(blocks: &[u8], vk_format: u32) -> Vec<u8> {
 fn basis_universal_pictures_are_decoded_or_left_out() {
     // 16 blocks by the reference encoder of (16 x, 16 y, 8 (x + y)), and what the reference transcoder makes of them.
     let (blocks, expected) = include_bytes!("data/uastc.bin").split_at(256);
-    let texture = r#"{"extensions":{"KHR_texture_basisu":{"source":0}}}"#;
     let good = ktx2(blocks, 0);
-    let scene = textured(texture, &[("a.ktx2", &good)]).scene;
+    let scene = basis_universal(&good).scene;
     assert_eq!(shown(&scene), Some("a.ktx2"));
     let Texels::Rgb8(texels) = &scene.images[0].texels else { panic!("opaque pictures have no alpha") };
     assert_eq!(texels.as_flattened(), expected);
-    let other = textured(texture, &[("a.ktx2", &ktx2(blocks, 23))]);
+    let other = basis_universal(&ktx2(blocks, 23));
     assert!(shown(&other.scene).is_none());
     assert!(other.report.notes.iter().any(|n| n.text.contains("not Basis Universal")), "{:?}", other.report.notes);
     for seed in 0..300 {
@@ -347,7 +327,7 @@ fn basis_universal_pictures_are_decoded_or_left_out() {
             }
         }
         // Shown or left out with a note: neither is an error.
-        check_scene(&textured(texture, &[("a.ktx2", &bytes)])).unwrap();
+        check_scene(&basis_universal(&bytes)).unwrap();
     }
 }
 
@@ -371,11 +351,9 @@ fn ktx2_zstandard(blocks: &[u8], window: u8, repeats: usize, unpacked: u64) -> V
 #[test]
 fn what_a_level_says_of_its_size_is_not_believed() {
     let (blocks, expected) = include_bytes!("data/uastc.bin").split_at(256);
-    let texture = r#"{"extensions":{"KHR_texture_basisu":{"source":0}}}"#;
-    let load = |bytes: &[u8]| textured(texture, &[("a.ktx2", bytes)]);
     // A window of 1 KiB; then of 8 MiB, which decoders support.
     for window in [0, 13 << 3] {
-        let scene = load(&ktx2_zstandard(blocks, window, 0, 256)).scene;
+        let scene = basis_universal(&ktx2_zstandard(blocks, window, 0, 256)).scene;
         let Some(Texels::Rgb8(texels)) = scene.images.first().map(|image| &image.texels) else { panic!("not shown") };
         assert_eq!(texels.as_flattened(), expected);
     }
@@ -390,7 +368,7 @@ fn what_a_level_says_of_its_size_is_not_believed() {
         (ktx2_zstandard(blocks, 14 << 3, 0, 256), "window is 16777216 bytes"),
         (unknown, "supercompression scheme 65536"),
     ] {
-        let import = load(&bytes);
+        let import = basis_universal(&bytes);
         assert!(shown(&import.scene).is_none());
         assert!(import.report.notes.iter().any(|n| n.text.contains(why)), "{why}: {:?}", import.report.notes);
     }
@@ -405,7 +383,6 @@ fn a_fallback_and_its_streams_agree() {
     assert_eq!(plain.meshes.len(), packed.meshes.len());
     for (plain, packed) in plain.meshes.iter().zip(&packed.meshes) {
         assert_eq!(plain.indices.len(), packed.indices.len());
-        let (a, b): (Vec<_>, Vec<_>) = (plain.positions.iter().collect(), packed.positions.iter().collect());
-        assert_eq!(a, b);
+        assert_eq!(plain.positions[..], packed.positions[..]);
     }
 }

@@ -2,7 +2,9 @@
 
 use std::fs;
 use std::path::Path;
-use std::process::Command;
+use std::process::{Child, Command};
+use std::thread;
+use std::time::Duration;
 
 use serde_json::Value;
 
@@ -75,6 +77,22 @@ pub fn parent(process: u32) -> u32 {
     // "id (name) state parent …", and the name may hold anything.
     let stat = fs::read_to_string(format!("/proc/{process}/stat")).unwrap_or_default();
     stat.rsplit_once(')').and_then(|(_, rest)| rest.split_whitespace().nth(1)?.parse().ok()).unwrap_or(0)
+}
+
+/// Waits until this holds.
+pub fn until(mut holds: impl FnMut() -> bool) {
+    while !holds() {
+        thread::sleep(Duration::from_millis(5));
+    }
+}
+
+/// The same, as long as `child` lives.
+#[track_caller]
+pub fn until_alive(child: &mut Child, mut holds: impl FnMut() -> bool) {
+    while !holds() {
+        assert!(child.try_wait().unwrap().is_none(), "it has ended by itself");
+        thread::sleep(Duration::from_millis(5));
+    }
 }
 
 /// `kill -KILL`; a process that has just ended is as good. By the shell's own: small systems have no other.

@@ -10,16 +10,14 @@ use bismar::scene::TextureSlot;
 use bismar::scene::import::{ImportOptions, Imported, import};
 use cpu_time::ThreadTime;
 
+pub use super::glb::floats;
+
 /// A folder with a scene file in it.
 pub fn scene_file(name: &str, bytes: impl AsRef<[u8]>) -> (tempfile::TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(name);
     std::fs::write(&path, bytes).unwrap();
     (folder, path)
-}
-
-pub fn floats(values: &[f32]) -> Vec<u8> {
-    values.iter().flat_map(|x| x.to_le_bytes()).collect()
 }
 
 pub fn data_uri(kind: &str, bytes: &[u8]) -> String {
@@ -50,15 +48,32 @@ impl Default for Parts {
 }
 
 impl Parts {
+    /// With these materials, of which the triangle has the first.
+    pub fn of_materials(materials: &str) -> Self {
+        let primitive = r#"{"attributes":{"POSITION":0},"material":0}"#.into();
+        Self { primitive, more: format!(r#","materials":[{materials}]"#), ..Self::default() }
+    }
+
+    /// With this punctual light in the triangle's node.
+    pub fn of_light(light: &str) -> Self {
+        let nodes = r#"[{"mesh":0,"extensions":{"KHR_lights_punctual":{"light":0}}}]"#.into();
+        let more = format!(r#","extensions":{{"KHR_lights_punctual":{{"lights":[{light}]}}}}"#);
+        Self { nodes, more, ..Self::default() }
+    }
+
     pub fn json(&self) -> String {
+        self.json_with(&data_uri("application/octet-stream", &self.positions))
+    }
+
+    /// With the data elsewhere.
+    pub fn json_with(&self, uri: &str) -> String {
         let Self { positions, accessor, primitive, nodes, more } = self;
         let n = positions.len();
-        let data = data_uri("application/octet-stream", positions);
         format!(
             r#"{{"asset":{{"version":"2.0"}},"scene":0,"scenes":[{{"nodes":[0]}}],"nodes":{nodes},
             "meshes":[{{"primitives":[{primitive}]}}],"accessors":[{accessor}],
             "bufferViews":[{{"buffer":0,"byteLength":{n}}}],
-            "buffers":[{{"byteLength":{n},"uri":"{data}"}}]{more}}}"#
+            "buffers":[{{"byteLength":{n},"uri":"{uri}"}}]{more}}}"#
         )
     }
 

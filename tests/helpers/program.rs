@@ -5,8 +5,10 @@ use std::io::{BufRead, BufReader, Read};
 use std::ops::Deref;
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStderr, Command, Output, Stdio};
+use std::result::Result;
 
 use exr::prelude::*;
+use rayon::iter::{IntoParallelIterator, ParallelIterator};
 
 /// A scene that ships with the project.
 pub fn scene(name: &str) -> PathBuf {
@@ -54,11 +56,21 @@ pub fn program() -> &'static Path {
     assert_cmd::cargo::cargo_bin!("bismar")
 }
 
-/// The program in a folder, one thread, without what the surroundings say about threads and memory.
+/// The program in a folder, one thread, without what the surroundings say about threads, memory and arrays of tasks.
 pub fn bismar(folder: &Path) -> Command {
     let mut command = Command::new(program());
     command.current_dir(folder).env("BISMAR_THREADS", "1");
-    for name in ["SLURM_CPUS_PER_TASK", "SLURM_MEM_PER_NODE", "SLURM_MEM_PER_CPU", "SLURM_RESTART_COUNT"] {
+    for name in [
+        "SLURM_CPUS_PER_TASK",
+        "SLURM_MEM_PER_NODE",
+        "SLURM_MEM_PER_CPU",
+        "SLURM_RESTART_COUNT",
+        "SLURM_ARRAY_TASK_ID",
+        "SLURM_ARRAY_TASK_COUNT",
+        "SLURM_ARRAY_TASK_MAX",
+        "AWS_BATCH_JOB_ARRAY_INDEX",
+        "JOB_COMPLETION_INDEX",
+    ] {
         command.env_remove(name);
     }
     command
@@ -220,6 +232,17 @@ pub fn attribute(path: &Path, name: &str) -> String {
         Some((_, HeaderValue::Matrix(m))) => format!("{m:?}"),
         None => panic!("{} has no {name}", path.display()),
     }
+}
+
+/// Tries every number below `n` on two threads: what came of each, or a failure with all that went wrong.
+#[track_caller]
+pub fn try_all<T: Send>(n: usize, attempt: impl Fn(usize) -> Result<T, String> + Sync) -> Vec<T> {
+    let attempt = |i| attempt(i).map_err(|e| format!("number {i}: {e}"));
+    let threads = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
+    let outcomes: Vec<_> = threads.install(|| (0..n).into_par_iter().map(attempt).collect());
+    let failures: Vec<_> = outcomes.iter().filter_map(|outcome| outcome.as_ref().err().cloned()).collect();
+    assert!(failures.is_empty(), "{} failures:\n{}", failures.len(), failures.join("\n"));
+    outcomes.into_iter().flatten().collect()
 }
 
 /// Makes a changed picture's seal right again, as a forger would.

@@ -1,8 +1,8 @@
 //! Scenes and ray streams that the ray tests share.
 
 use bismar::rays::{HitBatch, RayBatch};
-use bismar::scene::{Instance, Material, Mesh, Object, Scene};
-use glam::{Affine3A, Vec3, vec3};
+use bismar::scene::{Instance, Material, Mesh, Object, Scene, build};
+use glam::{Affine3A, DQuat, DVec3, Vec3, vec3};
 
 use super::random::Random;
 
@@ -24,41 +24,23 @@ pub fn scene(meshes: Vec<Mesh>, placements: &[(u32, Option<Affine3A>)]) -> Scene
     }
 }
 
-/// Adds two triangles.
-pub fn quad(vertices: &mut Vec<[f32; 3]>, indices: &mut Vec<[u32; 3]>, corners: [Vec3; 4]) {
-    let base = vertices.len() as u32;
-    vertices.extend(corners.map(|corner| corner.to_array()));
-    indices.extend([[base, base + 1, base + 2], [base, base + 2, base + 3]]);
-}
-
 /// A box room without a front, two boxes and an area light: 36 triangles in [-1, 1]³.
 pub fn box_room() -> Scene {
-    let (mut vertices, mut indices) = (Vec::new(), Vec::new());
-    let cuboid = |vertices: &mut Vec<_>, indices: &mut Vec<_>, centre: Vec3, half: Vec3, angle: f32, front: bool| {
-        let turn = glam::Quat::from_rotation_y(angle);
-        let corner = |x: f32, y: f32, z: f32| centre + turn * (vec3(x, y, z) * half);
-        for axis in 0..3 {
-            for side in [-1.0, 1.0] {
-                if !front && axis == 2 && side > 0.0 {
-                    continue;
-                }
-                let at = |a: f32, b: f32| {
-                    let mut p = [0.0; 3];
-                    p[axis] = side;
-                    p[(axis + 1) % 3] = a;
-                    p[(axis + 2) % 3] = b;
-                    corner(p[0], p[1], p[2])
-                };
-                quad(vertices, indices, [at(-1.0, -1.0), at(1.0, -1.0), at(1.0, 1.0), at(-1.0, 1.0)]);
-            }
-        }
-    };
-    cuboid(&mut vertices, &mut indices, Vec3::ZERO, Vec3::ONE, 0.0, false);
-    cuboid(&mut vertices, &mut indices, vec3(-0.35, -0.4, -0.3), vec3(0.3, 0.6, 0.3), 0.3, true);
-    cuboid(&mut vertices, &mut indices, vec3(0.35, -0.7, 0.3), vec3(0.3, 0.3, 0.3), -0.3, true);
-    let area_light = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].map(|(x, z)| vec3(x * 0.25, 0.99, z * 0.25));
-    quad(&mut vertices, &mut indices, area_light);
-    scene(vec![Mesh::new(vertices, indices)], &[(0, None)])
+    let mut room = build::cuboid(DVec3::NEG_ONE, DVec3::ONE);
+    // The front is a cuboid's last face.
+    room.positions.truncate(20);
+    room.triangles.truncate(10);
+    for (centre, half, angle) in [
+        (DVec3::new(-0.35, -0.4, -0.3), DVec3::new(0.3, 0.6, 0.3), 0.3),
+        (DVec3::new(0.35, -0.7, 0.3), DVec3::splat(0.3), -0.3),
+    ] {
+        let turned = build::cuboid(-half, half).rotated(DQuat::from_rotation_y(angle));
+        room = room.and(&turned.translated(centre));
+    }
+    let area_light = [(-0.25, -0.25), (0.25, -0.25), (0.25, 0.25), (-0.25, 0.25)].map(|(x, z)| DVec3::new(x, 0.99, z));
+    room = room.and(&build::quad(area_light));
+    let positions = room.positions.iter().map(|p| p.as_vec3().to_array()).collect();
+    scene(vec![Mesh::new(positions, room.triangles)], &[(0, None)])
 }
 
 /// Camera rays from +z in 8x8 blocks, `size`² of them.

@@ -7,7 +7,7 @@ use bismar::rays::Backend;
 use bismar::render::{RenderSettings, Rendered, render};
 pub use bismar::scene::build::{area_light, glass, lambert, look, metal};
 use bismar::scene::{
-    Deformation, Environment, LightKey, Material, Mesh, Motion, PunctualKind, PunctualLight, Scene, build,
+    Deformation, Environment, Instance, LightKey, Material, Mesh, Motion, PunctualKind, PunctualLight, Scene, build,
 };
 use glam::{Affine3A, DAffine3, DQuat, DVec3, Vec3};
 
@@ -31,6 +31,12 @@ pub fn sphere(n: u32, radius: f32, center: Vec3) -> (Vec<[f32; 3]>, Vec<[u32; 3]
     (shape.positions.iter().map(|p| p.as_vec3().to_array()).collect(), shape.triangles)
 }
 
+/// Adds [`sphere`].
+pub fn add_sphere(scene: &mut Scene, n: u32, radius: f32, center: Vec3, material: Material) {
+    let (points, indices) = sphere(n, radius, center);
+    add(scene, points, indices, material);
+}
+
 /// Adds a closed box between two corners.
 pub fn closed_box(scene: &mut Scene, low: Vec3, high: Vec3, material: Material) {
     build::add_shape(scene, &build::cuboid(low.as_dvec3(), high.as_dvec3()), material);
@@ -42,8 +48,8 @@ pub fn glass_hall() -> Arc<Scene> {
     let absorbing = Material { absorption: Vec3::new(1.0, 0.3, 2.0), dispersion: 3.0, ..glass(1.5, 0.5) };
     let center = Vec3::new(-0.9, 0.7, 1.2);
     for (radius, material) in [(0.5, absorbing), (0.25, area_light(2.0)), (0.3, lambert(0.5))] {
-        let (points, indices) = sphere(6, radius, center + if radius == 0.3 { Vec3::X } else { Vec3::ZERO });
-        add(&mut scene, points, indices, material);
+        let aside = if radius == 0.3 { Vec3::X } else { Vec3::ZERO };
+        add_sphere(&mut scene, 6, radius, center + aside, material);
     }
     let wall = |roughness, transmission| Material { bounds_medium: false, transmission, ..glass(1.5, roughness) };
     let points = vec![[0.3, 0.0, 1.8], [1.2, 0.0, 1.6], [1.2, 1.2, 1.6], [0.3, 1.2, 1.8]];
@@ -72,8 +78,7 @@ pub fn globe_hall() -> Arc<Scene> {
     let absorbing = Material { absorption: Vec3::new(1.0, 0.3, 2.0), ..glass(1.5, 0.0) };
     let center = Vec3::new(1.6, 0.5, 0.8);
     for (radius, material) in [(0.4, absorbing.clone()), (0.1, area_light(9.0))] {
-        let (points, indices) = sphere(6, radius, center);
-        add(&mut scene, points, indices, material);
+        add_sphere(&mut scene, 6, radius, center, material);
     }
     let film = Material { iridescence: 1.0, emissive: Vec3::splat(0.2), ..absorbing };
     closed_box(&mut scene, Vec3::new(-0.3, 0.1, 1.5), Vec3::new(0.2, 0.5, 1.9), film);
@@ -86,8 +91,7 @@ pub fn hall() -> Arc<Scene> {
     let mut scene = Scene { environment: Some(Environment::constant([0.3; 3])), ..Default::default() };
     rectangle(&mut scene, 0.0, [-3.0, 3.0], [-3.0, 3.0], true, lambert(0.6));
     rectangle(&mut scene, 2.0, [-0.4, 0.4], [-0.9, -0.3], false, area_light(9.0));
-    let (points, indices) = sphere(8, 0.6, Vec3::new(0.0, 0.6, 0.0));
-    add(&mut scene, points, indices, metal(0.4));
+    add_sphere(&mut scene, 8, 0.6, Vec3::new(0.0, 0.6, 0.0), metal(0.4));
     look(&mut scene, Vec3::new(0.0, 1.2, 4.0), Vec3::new(0.0, 0.5, 0.0), 0.6);
     Arc::new(scene)
 }
@@ -106,27 +110,25 @@ pub fn turning(angle: f64, by: Vec3) -> Option<Arc<Motion>> {
 
 /// Gives the last instance a transform and a motion.
 pub fn set_in_motion(scene: &mut Scene, motion: Option<Arc<Motion>>) {
-    let instance = scene.instances.last_mut().unwrap();
+    move_instance(scene.instances.last_mut().unwrap(), motion);
+}
+
+fn move_instance(instance: &mut Instance, motion: Option<Arc<Motion>>) {
     (instance.transform, instance.motion) = (Some(Affine3A::IDENTITY), motion);
 }
 
 /// [`hall`] with motion of everything: the sphere rotates, lights and camera move, the floor deforms.
 pub fn moving_hall() -> Arc<Scene> {
-    let mut scene = Scene { environment: Some(Environment::constant([0.3; 3])), ..Default::default() };
-    rectangle(&mut scene, 0.0, [-3.0, 3.0], [-3.0, 3.0], true, lambert(0.6));
+    let mut scene = Arc::unwrap_or_clone(hall());
     let floor = Arc::make_mut(&mut scene.meshes[0]);
     let mut bulging = floor.positions.clone();
     bulging.as_mut_slice()[0][1] += 0.4;
     floor.motion = Some(Deformation { positions: vec![floor.positions.clone(), bulging], normals: Vec::new() });
-    rectangle(&mut scene, 2.0, [-0.4, 0.4], [-0.9, -0.3], false, area_light(9.0));
-    set_in_motion(&mut scene, turning(0.7, Vec3::new(0.5, -0.2, 0.3)));
-    let (points, indices) = sphere(8, 0.6, Vec3::new(0.0, 0.6, 0.0));
-    add(&mut scene, points, indices, metal(0.4));
-    set_in_motion(&mut scene, turning(1.5, Vec3::new(0.3, 0.1, 0.0)));
+    move_instance(&mut scene.instances[1], turning(0.7, Vec3::new(0.5, -0.2, 0.3)));
+    move_instance(&mut scene.instances[2], turning(1.5, Vec3::new(0.3, 0.1, 0.0)));
     let key = |x| LightKey { intensity: Vec3::splat(2.0), position: Vec3::new(x, 1.5, 1.0), direction: Vec3::NEG_Y };
     let light = punctual(PunctualKind::Point, 2.0, Vec3::new(0.5, 1.5, 1.0), Vec3::NEG_Y);
     scene.lights.push(PunctualLight { motion: vec![key(-0.5), key(1.5)], ..light });
-    look(&mut scene, Vec3::new(0.0, 1.2, 4.0), Vec3::new(0.0, 0.5, 0.0), 0.6);
     let stand = |x| DAffine3::from_translation(DVec3::new(x, 1.2, 4.0));
     scene.cameras[0].motion = Motion::new(&[stand(0.0), stand(0.2)]).map(Arc::new);
     Arc::new(scene)
