@@ -14,10 +14,7 @@ use super::events::{FoundEmission, PathEvents};
 use super::reuse::{Lending, Loan, PathLight};
 use super::stages::requests::Requests;
 use super::stages::{camera_rays, emission, lights, media, mixture, scatter, sort, surfaces};
-use super::through::emission_rays::EmissionRays;
-use super::through::glass_shadows::GlassShadows;
-use super::through::passing::Passing;
-use super::through::sized_lights::SizedLightHits;
+use super::through::Through;
 use crate::rays::{HitBatch, RayOrder};
 
 /// The wavefront integrator of one thread, with its buffers.
@@ -32,10 +29,7 @@ pub struct Wave {
     requests: Requests,
     shadows: ShadowRays,
     path_states: PathStates,
-    passing: Passing,
-    glass_shadows: GlassShadows,
-    emission_rays: EmissionRays,
-    sized_lights: SizedLightHits,
+    through: Through,
     lending: Lending,
     /// Totals over all waves so far.
     pub counts: WaveCounts,
@@ -45,35 +39,34 @@ impl Wave {
     /// Traces the paths of the pixels' tasks, in a fixed order, and tells `clients` what happens to them.
     pub fn run<E: PathEvents>(&mut self, transport: &Transport, tasks: &[PixelTask], clients: &mut E) {
         let Self { rays, next_rays, hits, sorted, found, vertices, requests, shadows, path_states, .. } = self;
-        let Self { passing, glass_shadows, emission_rays, sized_lights, lending, counts, .. } = self;
+        let Self { through, lending, counts, .. } = self;
         path_states.start_paths(tasks, transport.proposal.lights.environment_probability);
         let PathStates { paths, radiance, non_finite } = path_states;
         camera_rays::begin(transport, tasks, rays);
         let mut at = WaveContext { transport, tasks, paths, depth: 0 };
         let light = &mut PathLight { radiance, lending, clients };
-        (&mut *light, &mut passing.histories).begin(&at);
+        (&mut *light, through.histories()).begin(&at);
         while at.depth < transport.longest_path() && rays.len > 0 {
-            sized_lights.find(&at, rays, passing, non_finite, light, counts);
+            through.sized_lights(&at, rays, non_finite, light, counts);
             trace(&at, rays, hits, counts);
-            passing.resolve(&at, rays, hits, light);
-            glass_shadows.find(&at, rays, hits, non_finite, light);
+            through.resolve(&at, rays, hits, non_finite, light);
             sort::sort(transport, at.depth, rays, hits, sorted);
             media::attenuate(transport, at.depth, rays, hits);
-            emission_rays.trace(&at, sorted, passing, non_finite, light, counts);
+            through.visible_emission(&at, sorted, non_finite, light, counts);
             emission::find(&at, sorted, rays, hits, found, non_finite, light);
             surfaces::vertices(transport, sorted, rays, hits, vertices);
             light.lending.lend(&at, rays, vertices);
-            passing.histories.mark(transport, vertices);
+            through.histories().mark(transport, vertices);
             mixture::find_cells(transport, vertices);
 
             requests.light_samples(transport, at.depth, vertices, paths, tasks);
             lights::sample(&at, vertices, requests, non_finite, shadows, light);
             requests.bsdf_samples(at.depth, vertices, paths);
             let next = (rays.next_number(), &mut *next_rays);
-            let events = &mut (&mut *light, &mut passing.histories);
+            let events = &mut (&mut *light, through.histories());
             scatter::sample(&at, vertices, requests, non_finite, next, events);
             if shadows.len > 0 {
-                passing.occlude(transport, shadows, counts);
+                through.occlude(transport, shadows, counts);
                 lights::unoccluded(&at, shadows, light);
             }
             light.lending.keep(&at, vertices);

@@ -47,7 +47,7 @@ impl EmissionRays {
         clients: &mut E,
         counts: &mut WaveCounts,
     ) {
-        let Some(numbers) = at.transport.proposal.emission_rays.filter(|_| at.depth == 0) else { return };
+        let Some(numbers) = at.transport.proposal.emission_rays else { return };
         let of = |pixel: usize| numbers.rays_per_path(at.tasks[pixel].x, at.tasks[pixel].y);
         if (0..at.tasks.len()).all(|pixel| of(pixel) == 1) {
             return;

@@ -6,7 +6,7 @@ use wide::bytemuck::cast;
 
 use super::passing::Passing;
 use crate::integrator::data::context::WaveContext;
-use crate::integrator::data::counts::WaveCounts;
+use crate::integrator::data::counts::{WaveCounts, timed};
 use crate::integrator::data::path_states::{NonFiniteSamples, clamp_contribution};
 use crate::integrator::data::queues::{LightKind, PathRays, ShadowRays};
 use crate::integrator::events::{FoundEmission, PathEvents};
@@ -40,7 +40,8 @@ impl SizedLightHits {
             return;
         }
         self.push_shadow_rays(at, rays, non_finite);
-        passing.occlude(at.transport, &mut self.shadows, counts);
+        counts.shadow_rays += self.shadows.len as u64;
+        timed(counts, || passing.walls.occlude(at.transport, &mut self.shadows));
         let limit = emission::limit(at);
         for (row, (ray, hit)) in self.found.iter().enumerate().filter(|(row, _)| !self.shadows.occluded[*row]) {
             let (radiance, _) = clamp_contribution(self.shadows.radiance.get(row), limit);
