@@ -1,18 +1,20 @@
-//! All targets: each goes through the door of its own name.
-#![no_main]
+//! What all targets are but for their door.
 
-mod doors;
+#[path = "doors.rs"]
+pub mod doors;
 
-libfuzzer_sys::fuzz_target!(
-    init: prepare(),
-    |bytes: &[u8]| {
-        let (_, door) = doors::DOORS.iter().find(|(name, _)| *name == env!("CARGO_BIN_NAME")).expect("its door");
-        door(&folder(), bytes);
-    }
-);
+/// A target of libFuzzer that goes through a door by its name.
+macro_rules! target {
+    ($door:ident) => {
+        libfuzzer_sys::fuzz_target!(
+            init: crate::target::prepare(),
+            |bytes: &[u8]| { crate::target::doors::$door(&crate::target::folder(), bytes); }
+        );
+    };
+}
 
 /// libFuzzer ends at every panic; those of decoders that are caught are not counted.
-fn prepare() {
+pub fn prepare() {
     let end = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |info| {
         if !bismar::guard::is_decoding() {
@@ -23,6 +25,6 @@ fn prepare() {
 }
 
 /// For a process's own files.
-fn folder() -> std::path::PathBuf {
+pub fn folder() -> std::path::PathBuf {
     std::env::temp_dir().join(format!("bismar-fuzz-{}", std::process::id()))
 }

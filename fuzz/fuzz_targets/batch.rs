@@ -1,0 +1,6 @@
+#![no_main]
+
+#[path = "../target.rs"]
+#[macro_use]
+mod target;
+target!(batch);
