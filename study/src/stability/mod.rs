@@ -20,7 +20,7 @@ pub mod tables;
 use std::sync::atomic::AtomicBool;
 
 use bismar::Result;
-use bismar::balance::{Balance, Counts, Heuristic};
+use bismar::balance::{Balance, Counts, Heuristic, Method};
 use bismar::sampling::SplitMix64;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -29,7 +29,7 @@ use cases::Case;
 use facts::Fact;
 use judge::{Control, Outcome, Tally, Verdict, z_limit};
 use scenes::{Estimator, SceneCase};
-use simulate::{Subject, replica};
+use simulate::{Biased, Unsafe, replica};
 
 /// A failure mode and the results of the estimators in it.
 #[derive(Debug, Clone, Serialize)]
@@ -125,10 +125,10 @@ impl Found {
     }
 }
 
-/// Number of steps of [`measure`].
-pub fn steps(scenes: bool) -> usize {
-    let exact = cases::cases().len() * Subject::shown().len() + 2;
-    exact + if scenes { scenes::SCENES * (Balance::all().len() + 1) } else { 0 }
+/// Number of steps of [`measure`] with scenes.
+pub fn steps() -> usize {
+    let balances = Balance::all().len();
+    cases::cases().len() * balances + 2 + scenes::SCENES * (balances + 1)
 }
 
 /// Measures all exact cases with `replicas` ≥ 2, and all scenes with `scene_replicas` ≥ 2 unless that is `None`. Calls `done`
@@ -142,8 +142,8 @@ pub fn measure(
     let mut modes = Vec::new();
     for case in cases::cases() {
         let mut outcomes = Vec::new();
-        for subject in Subject::shown() {
-            outcomes.push(exact(&case, subject, replicas));
+        for balance in Balance::all() {
+            outcomes.push(exact(&case, balance.method(), replicas));
             done()?;
         }
         let best = case.image.pixels.iter().map(|d| d.best(case.paths)).sum::<f64>() / case.image.pixels.len() as f64;
@@ -159,9 +159,9 @@ pub fn measure(
     }
     modes.sort_by_key(|m| m.mode[1..].parse::<u32>().unwrap_or(u32::MAX));
     let (biased, unsafe_case) = (cases::biased_control(), cases::unsafe_control());
-    let biased_outcome = exact(&biased, Subject::Biased, replicas);
+    let biased_outcome = exact(&biased, &Biased, replicas);
     done()?;
-    let unsafe_outcome = exact(&unsafe_case, Subject::Unsafe, replicas);
+    let unsafe_outcome = exact(&unsafe_case, &Unsafe, replicas);
     done()?;
     let mut results = Results::new(replicas, modes, biased_outcome.tests + unsafe_outcome.tests);
     let control =
@@ -204,7 +204,7 @@ fn of_renders(
 const REPLICAS_PER_TASK: u32 = 250;
 
 /// Simulates one estimator on one exact case.
-fn exact(case: &Case, subject: Subject, replicas: u32) -> Outcome {
+fn exact(case: &Case, method: &dyn Method, replicas: u32) -> Outcome {
     let truth: Vec<_> = case.image.pixels.iter().map(|d| d.total()).collect();
     let half: Vec<_> =
         case.image.pixels.iter().map(|d| d.variance(Heuristic::Balance, Counts::half(case.paths))).collect();
@@ -216,11 +216,11 @@ fn exact(case: &Case, subject: Subject, replicas: u32) -> Outcome {
             for r in start..(start + REPLICAS_PER_TASK).min(replicas) {
                 // Mixed seeds: consecutive states would make overlapping streams.
                 let mut random = SplitMix64(SplitMix64(u64::from(r)).bits());
-                tally.add(&replica(&case.image, subject, case.paths, &mut random));
+                tally.add(&replica(&case.image, method, case.paths, &mut random));
             }
             tally
         })
         .collect();
     let none = Tally::new(&truth);
-    tallies.iter().fold(none, |sum, tally| sum.join(tally)).outcome(subject.name(), &half, case.bar)
+    tallies.iter().fold(none, |sum, tally| sum.join(tally)).outcome(method.name().to_owned(), &half, case.bar)
 }
