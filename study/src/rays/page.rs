@@ -8,19 +8,16 @@ use bismar::Result;
 
 use super::measure::CONTROL;
 use super::table::{BASELINE, Results, distinct, scenes};
-use crate::report::page::chart_figure;
-use crate::report::{self, Page, Table, Tone, number, plural};
+use crate::report::{Page, Table, Tone, number, plural};
 use charts::{costs, overview, picture};
 
 /// Writes tables, `report.html` and `charts/`.
 pub fn write(folder: &Path, results: &Results) -> Result<()> {
     results.write(folder)?;
-    let scenes = scenes(results);
-    let pictures = scenes.iter().map(|(name, _)| (format!("{name}-picture"), picture(results, name)));
-    report::write(folder, page(results, &scenes), overview(results), costs(results).into_iter().chain(pictures))
+    page(results, &scenes(results)).write(folder)
 }
 
-fn page(results: &Results, scenes: &[(&str, u64)]) -> String {
+fn page(results: &Results, scenes: &[(&str, u64)]) -> Page {
     let differing = results.differing_pictures();
     let rays = results.agreements.iter().map(|a| a.rays).sum::<u64>();
     let verdict = match (results.unexplained(), differing) {
@@ -37,15 +34,16 @@ fn page(results: &Results, scenes: &[(&str, u64)]) -> String {
     );
     let mut page = Page::new("Ray study", &lead);
     page.section("Overview");
-    if let Some(plot) = overview(results) {
-        page.wide(plot.svg(), "`embree (again)` is the baseline built a second time: its distance from 1 is noise.");
+    if let Some(svg) = overview(results) {
+        let caption = "`embree (again)` is the baseline built a second time: its distance from 1 is noise.";
+        page.wide(("overview".to_owned(), svg, caption));
     }
     page.heading("Speed over that of embree, geometric means over the scenes");
     page.table(&averages(results));
     let costs = costs(results);
     if !costs.is_empty() {
         page.section("Cost over the number of triangles");
-        page.row(costs.iter().map(|(_, chart)| chart_figure(chart.svg(), "")));
+        page.charts(costs);
     }
     for (name, triangles) in scenes {
         page.section(name);
@@ -59,7 +57,7 @@ fn page(results: &Results, scenes: &[(&str, u64)]) -> String {
     page.section("The machine");
     let host = ["machine", "kernel", "embree", "embree_isa", "obvhs", "load_before", "load_after", "stolen_share"];
     page.table(&Table::of_fields(&results.hosts, &host.map(|field| (field, 0))));
-    page.finish()
+    page
 }
 
 fn geometric_mean(values: impl Iterator<Item = f64>) -> f64 {
@@ -86,8 +84,9 @@ fn averages(results: &Results) -> Table {
 }
 
 fn scene_section(page: &mut Page, results: &Results, scene: &str) {
-    page.row([chart_figure(
-        picture(results, scene).svg(),
+    page.charts([(
+        format!("{scene}-picture"),
+        picture(results, scene),
         "Measured build, and measured seconds a path times the number of paths, over those of `embree`. Where a line falls below 1, \
          the longer build has paid off.",
     )]);

@@ -211,6 +211,7 @@ impl<'a, R> Columns<'a, R> {
     }
 }
 
+/// A box that scrolls, also by keys, if its content is wider than the page.
 pub(super) fn scrolling(what: &str, content: Markup) -> Markup {
     html! {
         div.scroll tabindex="0" role="region" aria-label=(what) { (content) }
