@@ -86,7 +86,7 @@ impl Subject {
     }
 
     pub fn generate(shape: &Shape) -> Self {
-        Self::new(shape.name(), Some(shape.kind.name()), shape.scene())
+        Self::new(shape.name(), Some(shape.kind()), shape.scene())
     }
 
     pub fn new(name: String, shape: Option<&'static str>, scene: Scene) -> Self {
