@@ -122,18 +122,15 @@ fn scene_charts(design: &Design, scene: &SceneResults) -> [Figure; 2] {
     ]
 }
 
+/// Columns of [`Row`].
+const COLUMNS: &str = "estimator paths_mean rel_mse cpu_seconds inverse_efficiency rel_mse_ratio<1 time_ratio<1 \
+                       product_ratio<1 guided guiding_variance guiding_seconds adaptive_left bias_z";
+
 fn scene_section(page: &mut Page, design: &Design, scene: &SceneResults) {
     page.section(&scene.name);
     page.charts(scene_charts(design, scene));
-    page.table(&rows(scene));
+    page.table(&Table::of_fields(&scene.rows, COLUMNS));
     pictures(page, design, scene);
-}
-
-fn rows(scene: &SceneResults) -> Table {
-    let ratios = ["rel_mse_ratio", "time_ratio", "product_ratio"].map(|field| (field, -1));
-    let plain = ["estimator", "paths_mean", "rel_mse", "cpu_seconds", "inverse_efficiency"].map(|field| (field, 0));
-    let more = ["guided", "guiding_variance", "guiding_seconds", "adaptive_left", "bias_z"].map(|field| (field, 0));
-    Table::of_fields(&scene.rows, &[&plain[..], &ratios, &more].concat())
 }
 
 /// Pictures of the scene, light shares, paths, and the error of each technique over that of `half`.
