@@ -8,19 +8,17 @@ use bismar::console::host::pool;
 use bismar::rays::cwbvh;
 use bismar::sampling::SplitMix64;
 use rayon::ThreadPool;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use crate::clock::thread_seconds;
 use crate::provenance::Machine;
 
 /// The machine that measured.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+#[derive(Debug, Clone, Serialize)]
 pub struct Host {
     pub machine: String,
-    pub cpu: String,
-    pub cores: usize,
-    pub memory_bytes: u64,
-    pub kernel: String,
+    #[serde(flatten)]
+    pub hardware: Machine,
     pub virtual_machine: bool,
     pub frequency_governor: Option<String>,
     pub isa_baseline: String,
@@ -42,13 +40,11 @@ impl Host {
     pub fn look() -> Self {
         let cpus = read("/proc/cpuinfo");
         let field = |key: &str| cpus.lines().find_map(|l| l.strip_prefix(key)?.trim().strip_prefix(':')).map(str::trim);
-        let Machine { cpu, cores, memory_bytes, kernel } = Machine::look();
+        let hardware = Machine::look();
         let (flushes, zeroes) = floating_point_mode();
         Self {
-            machine: format!("{cpu}, {cores} cores"),
-            cores,
-            memory_bytes,
-            kernel,
+            machine: format!("{}, {} cores", hardware.cpu, hardware.cores),
+            hardware,
             virtual_machine: field("flags").is_some_and(|flags| flags.split(' ').any(|f| f == "hypervisor")),
             frequency_governor: fs::read_to_string("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")
                 .ok()
@@ -65,7 +61,6 @@ impl Host {
             stolen_share: 0.0,
             spin_seconds: Vec::new(),
             chase_seconds: Vec::new(),
-            cpu,
         }
     }
 }
