@@ -95,11 +95,6 @@ impl Results {
         self.modes.iter().take(1).flat_map(|mode| &mode.outcomes).map(|outcome| &outcome.estimator)
     }
 
-    /// Whether every control is caught.
-    pub fn controls_caught(&self) -> bool {
-        self.controls.iter().all(|c| c.caught)
-    }
-
     /// Estimators with a wrong mean or a value that is not finite, each with the mode.
     pub fn wrong(&self) -> Vec<(&str, &ModeResult)> {
         let wrong = |m| move |o| (self.verdict(m, o) == Verdict::Wrong).then_some((o.estimator.as_str(), m));
