@@ -123,7 +123,7 @@ impl<'a> Campaign<'a> {
         let taken = self.replica(key, 0, Some(middle));
         self.shares = kept;
         let (own, old) = (taken?.values, cell.picture(0));
-        let same = self.mosaic.pixels_of(middle).all(|p| own[3 * p.at..][..3] == old[3 * p.at..][..3]);
+        let same = self.mosaic.pixels_of(middle).all(|(at, _)| own[3 * at..][..3] == old[3 * at..][..3]);
         if !same {
             info!("{}: {} is measured anew: this program samples otherwise", self.scene.name, key.file_name());
         }
@@ -185,14 +185,14 @@ impl<'a> Campaign<'a> {
     }
 
     /// Finds the oracle's shares and keeps them.
-    pub fn train(&mut self, reference: &Cell, training: oracle::Training) -> Result<()> {
+    pub fn train(&mut self, reference: &Cell) -> Result<()> {
+        let spp = oracle::spp(self.design);
         let mean = reference.mean();
         let mut learner = oracle::Learner::new(&mean);
-        for r in 0..training.replicas {
+        for r in 0..self.design.replicas {
             for (i, &share) in oracle::SHARES.iter().enumerate() {
                 let shares = Some(vec![share; self.pixels()].into());
-                let (spp, seed) = (training.spp, seeds::ORACLE + r);
-                let taken = self.take(Take { spp, seed, shares, ..Take::default() })?;
+                let taken = self.take(Take { spp, seed: seeds::ORACLE + r, shares, ..Take::default() })?;
                 learner.add(i, taken.values.into_iter());
                 self.done += f64::from(spp);
             }
