@@ -78,11 +78,15 @@ pub struct Results {
 }
 
 impl Results {
-    /// Results of modes, with `more` tests outside of them.
-    fn new(replicas: u32, modes: Vec<ModeResult>, more: usize) -> Self {
+    /// Results of modes, and of controls with `more` tests that are not among those of the modes.
+    fn new(replicas: u32, modes: Vec<ModeResult>, mut controls: Vec<Control>, more: usize) -> Self {
         let tests = modes.iter().flat_map(|m| &m.outcomes).map(|o| o.tests).sum::<usize>() + more;
         let (z_limit, false_alarm) = (z_limit(tests), judge::FALSE_ALARM);
-        Self { replicas, z_limit, tests, false_alarm, modes, facts: Vec::new(), controls: Vec::new() }
+        for control in &mut controls {
+            let verdict = control.outcome.verdict(cases::BAR, z_limit);
+            control.caught = verdict == if control.check.starts_with('z') { Verdict::Wrong } else { Verdict::Fails };
+        }
+        Self { replicas, z_limit, tests, false_alarm, modes, facts: Vec::new(), controls }
     }
 
     /// Judges an estimator in a mode.
@@ -153,22 +157,18 @@ pub fn measure(
         }
     }
     modes.sort_by_key(|m| m.mode[1..].parse::<u32>().unwrap_or(u32::MAX));
-    let (biased, unsafe_case) = (cases::biased_control(), cases::unsafe_control());
-    let biased_outcome = exact(&biased, &Biased, replicas);
-    done()?;
-    let unsafe_outcome = exact(&unsafe_case, &Unsafe, replicas);
-    done()?;
-    let mut results = Results::new(replicas, modes, biased_outcome.tests + unsafe_outcome.tests);
-    let control =
-        |Case { mode, name, .. }: Case, check, caught, outcome| Control { mode, name, check, outcome, caught };
-    let biased_caught = biased_outcome.z > results.z_limit;
-    let unsafe_caught = unsafe_outcome.verdict(unsafe_case.bar, results.z_limit) == Verdict::Fails;
-    results.controls = vec![
-        control(biased, "z-test of the mean", biased_caught, biased_outcome),
-        control(unsafe_case, "worst pixel's variance", unsafe_caught, unsafe_outcome),
+    let wrong: [(Case, &dyn Method, _); 2] = [
+        (cases::biased_control(), &Biased, "z-test of the mean"),
+        (cases::unsafe_control(), &Unsafe, "worst pixel's variance"),
     ];
-    results.facts = facts::facts();
-    Ok(results)
+    let mut controls = Vec::new();
+    for (case, method, check) in wrong {
+        let outcome = exact(&case, method, replicas);
+        controls.push(Control { mode: case.mode, name: case.name, check, outcome, caught: false });
+        done()?;
+    }
+    let tests = controls.iter().map(|control| control.outcome.tests).sum();
+    Ok(Results { facts: facts::facts(), ..Results::new(replicas, modes, controls, tests) })
 }
 
 /// Measures a scene, as [`SceneCase::outcomes`].
