@@ -109,18 +109,13 @@ impl BalanceArgs {
             None if quick => ["second-order", "progressive"].into_iter().filter_map(Estimator::named).collect(),
             None => Estimator::all(),
         };
-        let size = match () {
-            () if whole => Size(192, 128),
-            () if quick => Size(32, 32),
-            () => Size(64, 64),
+        let (size, replicas) = match () {
+            () if whole => (Size(192, 128), 4),
+            () if quick => (Size(32, 32), 16),
+            () => (Size(64, 64), 32),
         };
         let Size(width, height) = self.size.unwrap_or(size);
         let most = spp.last().copied().unwrap_or(1);
-        let replicas = match () {
-            () if whole => 4,
-            () if quick => 16,
-            () => 32,
-        };
         Design {
             folder: self.out.clone(),
             estimators,
