@@ -86,11 +86,11 @@ const BATCH: usize = 4096;
 /// Roughness of all surfaces for the glossy stream.
 const GLOSSY: f32 = 0.25;
 
-/// Records the streams of a view with about `rays` rays each. Camera, shadow and later bounces are those of a path-traced
+/// Records the streams of the first camera's view with about `rays` rays each. Camera, shadow and later bounces are those of a path-traced
 /// picture as it is; `diffuse` and `glossy` are first bounces with every surface made diffuse, or a metal of roughness
 /// ¼ (what alpha cuts out stays cut out); two more have the diffuse ones shuffled, and sorted by octant and origin.
 /// Streams of few rays are omitted. Must be called on a pool of one thread.
-pub fn record(scene: &Scene, backend: &dyn RayQueries, settings: &RenderSettings, rays: usize) -> Result<Vec<Stream>> {
+pub fn record(scene: &Scene, backend: &dyn RayQueries, rays: usize) -> Result<Vec<Stream>> {
     let of = |scene: &Scene, max_depth: u32| -> Result<_> {
         let side = (rays as f64).sqrt().ceil() as u32;
         let settings = RenderSettings {
@@ -100,7 +100,7 @@ pub fn record(scene: &Scene, backend: &dyn RayQueries, settings: &RenderSettings
             balance: Balance::Half,
             filter: PixelFilter::Box,
             max_depth,
-            ..settings.clone()
+            ..RenderSettings::even()
         };
         let recorder = Recorder::new(backend);
         let scene = PreparedScene::new(Arc::new(scene.clone()), Box::new(&recorder));
@@ -119,7 +119,7 @@ pub fn record(scene: &Scene, backend: &dyn RayQueries, settings: &RenderSettings
         }
         scene
     };
-    let [camera, shadow, _, later] = of(scene, settings.max_depth)?;
+    let [camera, shadow, _, later] = of(scene, RenderSettings::even().max_depth)?;
     let [_, _, diffuse, _] = of(&surfaces(true), 2)?;
     let [_, _, glossy, _] = of(&surfaces(false), 2)?;
     let apart = [("diffuse-shuffled", shuffled(&diffuse)), ("diffuse-sorted", sorted(&diffuse))];

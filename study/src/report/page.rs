@@ -182,13 +182,9 @@ fn figure(class: &str, content: Markup, caption: &str) -> Markup {
     html! { figure class=(class) { (content) @if !caption.is_empty() { figcaption { (marked(caption)) } } } }
 }
 
-pub fn picture_figure(picture: &RgbImage, caption: &str) -> Markup {
-    figure("pic", image(picture, caption), caption)
-}
-
-/// A small picture with a caption, for a row.
-pub fn crop_figure(picture: &RgbImage, caption: &str) -> Markup {
-    figure("crop", image(picture, caption), caption)
+/// A picture with a caption, for a row, of a class of the style: `pic`, or `crop` for a small one.
+pub fn picture_figure(class: &str, picture: &RgbImage, caption: &str) -> Markup {
+    figure(class, image(picture, caption), caption)
 }
 
 /// A value a pixel in false colours with what they mean: words at the low end, in the middle and at the high end.
@@ -235,7 +231,7 @@ mod tests {
         page.section("One <two>");
         page.text("x");
         let picture = RgbImage::new(1, 1);
-        page.row([picture_figure(&picture, "\"quoted\""), slider((&picture, "l"), (&picture, "r"), "")]);
+        page.row([picture_figure("pic", &picture, "\"quoted\""), slider((&picture, "l"), (&picture, "r"), "")]);
         page.details("more", |page| page.text("inside"));
         let html = page.html();
         assert!(html.contains("<h1>a &lt; b</h1>") && html.contains("<code>code</code> &amp; more"));

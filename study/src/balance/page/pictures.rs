@@ -9,7 +9,7 @@ use crate::balance::portrait::PORTRAIT_SPP;
 use crate::balance::scene_results::SceneResults;
 use crate::balance::table::Outcome;
 use crate::balance::{Design, Estimator, HALF};
-use crate::report::page::{crop_figure, map_figure, picture_figure, slider};
+use crate::report::page::{map_figure, picture_figure, slider};
 use crate::report::picture::{around, mapped, picture};
 use crate::report::{ColorScale, Page, number};
 use crate::statistics::quantiles;
@@ -42,6 +42,7 @@ pub(super) fn pictures(page: &mut Page, design: &Design, scene: &SceneResults, o
     };
     let mut pieces = vec![
         picture_figure(
+            "pic",
             &developed(whole, portrait.clean.picture(0), ev),
             &format!("{PORTRAIT_SPP} paths a pixel by `{name}`, exposure {ev:+.1} EV."),
         ),
@@ -130,7 +131,7 @@ pub(super) fn worst_pixels(page: &mut Page, design: &Design, scene: &SceneResult
                 3 => format!("share {:.2}", outcome.shares[ratio.pixel]),
                 _ => what.to_string(),
             };
-            pieces.push(crop_figure(&around(picture, [x, y], CROP_RADIUS), &caption));
+            pieces.push(picture_figure("crop", &around(picture, [x, y], CROP_RADIUS), &caption));
         }
         page.row(pieces);
     }

@@ -140,7 +140,7 @@ fn pictures(page: &mut Page, design: &Design, scene: &SceneResults) {
     let ev = exposure(design.width, &reference);
     let Some(half) = scene.pictures.iter().find(|p| p.estimator == HALF) else { return };
     let caption = format!("The reference, exposure {ev:+.1} EV.");
-    let mut pieces = vec![picture_figure(&developed(size, &reference, ev), &caption)];
+    let mut pieces = vec![picture_figure("pic", &developed(size, &reference, ev), &caption)];
     let varies = |values: &[f32]| values.iter().any(|x| *x != values[0]);
     for own in scene.pictures.iter().filter(|p| p.estimator != HALF) {
         let name = own.estimator.name();
@@ -166,6 +166,7 @@ fn pictures(page: &mut Page, design: &Design, scene: &SceneResults) {
         let caption = format!("Share of samples from the guiding field at the visible surface; {} cells.", field.cells);
         pieces.push(map_figure(size, legend, field.shares.iter().copied(), &caption));
         pieces.push(picture_figure(
+            "pic",
             &picture(size, field.directions.iter().copied()),
             "Mean direction of the guiding field: red toward +x, green up, blue toward +z, grey in all directions; black where it is not used.",
         ));
