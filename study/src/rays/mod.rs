@@ -12,7 +12,7 @@ pub mod exact;
 pub mod host;
 pub mod measure;
 pub mod page;
-mod replay;
+pub mod replay;
 pub mod shapes;
 pub mod stream;
 pub mod table;
