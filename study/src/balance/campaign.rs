@@ -80,7 +80,8 @@ impl<'a> Campaign<'a> {
         let folder = scene.folder(design);
         files::folder(&folder)?;
         let (start, rays) = (Instant::now(), AtomicU64::new(0));
-        let settings = mosaic.settings(scene.settings.clone());
+        let [width, height] = mosaic.picture;
+        let settings = RenderSettings { width, height, ..scene.settings.clone() };
         Ok(Self {
             scene,
             design,

@@ -6,7 +6,6 @@
 
 use std::sync::Arc;
 
-use bismar::render::RenderSettings;
 use bismar::render::tile::{TILE, Tile};
 use bismar::{Error, Result};
 
@@ -78,11 +77,6 @@ impl Mosaic {
         let [x, y] = [pixel as u32 % self.size[0], pixel as u32 / self.size[0]];
         let [column, row] = self.tiles[(y / TILE * self.columns() + x / TILE) as usize];
         [column * TILE + x % TILE, row * TILE + y % TILE]
-    }
-
-    pub fn settings(&self, settings: RenderSettings) -> RenderSettings {
-        let [width, height] = self.picture;
-        RenderSettings { width, height, ..settings }
     }
 
     /// Expands shares of measured pixels to the whole picture; all other pixels get ½.

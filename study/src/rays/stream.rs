@@ -86,9 +86,9 @@ const BATCH: usize = 4096;
 /// Roughness of all surfaces for the glossy stream.
 const GLOSSY: f32 = 0.25;
 
-/// Records the streams of the first camera's view with about `rays` rays each. Camera, shadow and later bounces are those of a path-traced
-/// picture as it is; `diffuse` and `glossy` are first bounces with every surface made diffuse, or a metal of roughness
-/// ¼ (what alpha cuts out stays cut out); two more have the diffuse ones shuffled, and sorted by octant and origin.
+/// Records the streams of the first camera's view with about `rays` rays each. Camera, shadow and later bounces are those of a
+/// path-traced picture as it is; `diffuse` and `glossy` are first bounces with every surface made diffuse, or a metal of
+/// roughness ¼ (what alpha cuts out stays cut out); two more have the diffuse ones shuffled, and sorted by octant and origin.
 /// Streams of few rays are omitted. Must be called on a pool of one thread.
 pub fn record(scene: &Scene, backend: &dyn RayQueries, rays: usize) -> Result<Vec<Stream>> {
     let of = |scene: &Scene, max_depth: u32| -> Result<_> {
