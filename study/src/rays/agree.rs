@@ -112,7 +112,7 @@ impl<'a> Judge<'a> {
         match (a, b) {
             (None, None) => Class::Same,
             (Some(hit), None) | (None, Some(hit)) => match plane(hit) {
-                Some(plane) if self.sound(&plane, &ray, &hit) => {
+                Some(plane) if plane.explains(&hit, &ray) => {
                     self.lost(&plane, &ray, rays.key[i], &hit, Class::Miss)
                 }
                 plane => grazing_or_wrong(plane.as_ref()),
@@ -120,7 +120,7 @@ impl<'a> Judge<'a> {
             (Some(a), Some(b)) => {
                 let (Some(of_a), Some(of_b)) = (plane(a), plane(b)) else { return Class::Grazing };
                 for (plane, hit) in [(&of_a, &a), (&of_b, &b)] {
-                    if !self.sound(plane, &ray, hit) {
+                    if !plane.explains(hit, &ray) {
                         return grazing_or_wrong(Some(plane));
                     }
                 }
@@ -148,11 +148,6 @@ impl<'a> Judge<'a> {
             Some(plane) => self.lost(&plane, &ray, rays.key[i], &hit, Class::Miss),
             None => Class::Grazing,
         }
-    }
-
-    /// Whether a hit is consistent with ray and triangle.
-    fn sound(&self, plane: &Plane, ray: &ExactRay, hit: &Hit) -> bool {
-        plane.possible(ray) && plane.agrees(hit)
     }
 
     /// Class of a hit that the other backend missed.
