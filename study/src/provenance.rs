@@ -5,10 +5,10 @@ use std::fs;
 
 use bismar::console;
 use bismar::console::host::total_memory_bytes;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 /// The object `run` in the JSON of every study.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+#[derive(Debug, Clone, Serialize)]
 pub struct Provenance {
     pub version: String,
     /// Commit of the program, if it is a release.
@@ -20,7 +20,7 @@ pub struct Provenance {
     pub seeds: BTreeMap<String, u32>,
 }
 
-#[derive(Debug, Clone, Serialize, Deserialize)]
+#[derive(Debug, Clone, Serialize)]
 pub struct Machine {
     pub cpu: String,
     /// Threads that can run at a time.

@@ -12,15 +12,17 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
+use bismar::console::host::pool;
 use bismar::film::PixelStats;
 use bismar::integrator::PreparedScene;
-use bismar::rays::{Backend, HitBatch, RayQueries};
+use bismar::rays::{Backend, RayQueries};
 use bismar::render::{PixelFilter, RenderSettings, Rendered, render};
 use bismar::scene::Scene;
 use bismar::scene::import::{ImportOptions, import};
 use bismar_study::clock::{process_seconds, thread_seconds};
+use bismar_study::rays::replay::{Sink, answer};
 use bismar_study::rays::stream::{Kind, Query, Recorder};
-use rayon::{ThreadPool, ThreadPoolBuilder};
+use rayon::ThreadPool;
 
 mod bare;
 mod blob;
@@ -102,10 +104,6 @@ fn settings(spp: u32) -> RenderSettings {
     RenderSettings { width: 256, height: 256, spp: Some(spp), filter: PixelFilter::Box, ..RenderSettings::even() }
 }
 
-fn pool(threads: usize) -> Outcome<ThreadPool> {
-    Ok(ThreadPoolBuilder::new().num_threads(threads).build()?)
-}
-
 fn rendered(pool: &ThreadPool, scene: &PreparedScene, settings: &RenderSettings) -> Rendered {
     pool.install(|| render(scene, settings, &AtomicBool::new(false), &|_| {}).expect("valid settings"))
 }
@@ -178,20 +176,17 @@ fn replay(scene: &Arc<Scene>, rays: &dyn RayQueries, rounds: usize, spp: u32) ->
 
 /// Seconds of the tape through the renderer's backend, and how many rays hit.
 fn again(rays: &dyn RayQueries, tape: &[Query]) -> (f64, usize) {
-    let (mut hits, mut occluded) = (HitBatch::default(), Vec::new());
+    let mut sink = Sink::default();
     let (mut seconds, mut hit) = (0.0, 0);
     for query in tape {
         // The renderer has just written the rays when it asks: they are in the cache.
-        let batch = query.rays.clone();
+        let query = query.clone();
         let start = thread_seconds();
-        match query.kind {
-            Kind::Closest => rays.closest_hits(&batch, query.order, &mut hits),
-            Kind::Occluded => rays.occluded(&batch, query.order, &mut occluded),
-        }
+        answer(rays, &query, &mut sink);
         seconds += thread_seconds() - start;
         hit += match query.kind {
-            Kind::Closest => hits.t.iter().take(batch.len()).filter(|t| t.is_finite()).count(),
-            Kind::Occluded => occluded.iter().take(batch.len()).filter(|o| **o).count(),
+            Kind::Closest => sink.0.t.iter().take(query.rays.len()).filter(|t| t.is_finite()).count(),
+            Kind::Occluded => sink.1.iter().take(query.rays.len()).filter(|o| **o).count(),
         };
     }
     (seconds, hit)

@@ -33,7 +33,6 @@ const TIMING_ROUNDS: usize = 4;
 const SAVE_SECONDS: f64 = 60.0;
 
 /// Parameters of a render in addition to the scene's settings.
-#[derive(Clone)]
 struct Take {
     spp: u32,
     seed: u32,
@@ -66,7 +65,7 @@ pub(super) struct Campaign<'a> {
     done: f64,
     pub all: f64,
     rays: AtomicU64,
-    /// The oracle's, of the measured pixels.
+    /// The oracle's, of the measured pixels; while cells are looked for, those of its cell.
     pub shares: Option<Arc<[f32]>>,
 }
 
@@ -81,7 +80,8 @@ impl<'a> Campaign<'a> {
         let folder = scene.folder(design);
         files::folder(&folder)?;
         let (start, rays) = (Instant::now(), AtomicU64::new(0));
-        let settings = mosaic.settings(scene.settings.clone());
+        let [width, height] = mosaic.picture;
+        let settings = RenderSettings { width, height, ..scene.settings.clone() };
         Ok(Self {
             scene,
             design,
@@ -115,15 +115,11 @@ impl<'a> Campaign<'a> {
             return Ok(none);
         }
         let middle = self.mosaic.middle();
-        let shares = match key.what {
-            What::Picture(Estimator::Oracle) => Some(cell.shares_of(0).into()),
-            _ => self.shares.clone(),
-        };
-        let kept = std::mem::replace(&mut self.shares, shares);
-        let taken = self.replica(key, 0, Some(middle));
-        self.shares = kept;
-        let (own, old) = (taken?.values, cell.picture(0));
-        let same = self.mosaic.pixels_of(middle).all(|p| own[3 * p.at..][..3] == old[3 * p.at..][..3]);
+        if key.what == What::Picture(Estimator::Oracle) {
+            self.shares = Some(cell.shares_of(0).into());
+        }
+        let (own, old) = (self.replica(key, 0, Some(middle))?.values, cell.picture(0));
+        let same = self.mosaic.pixels_of(middle).all(|(at, _)| own[3 * at..][..3] == old[3 * at..][..3]);
         if !same {
             info!("{}: {} is measured anew: this program samples otherwise", self.scene.name, key.file_name());
         }
@@ -185,14 +181,14 @@ impl<'a> Campaign<'a> {
     }
 
     /// Finds the oracle's shares and keeps them.
-    pub fn train(&mut self, reference: &Cell, training: oracle::Training) -> Result<()> {
+    pub fn train(&mut self, reference: &Cell) -> Result<()> {
+        let spp = oracle::spp(self.design);
         let mean = reference.mean();
         let mut learner = oracle::Learner::new(&mean);
-        for r in 0..training.replicas {
+        for r in 0..self.design.replicas {
             for (i, &share) in oracle::SHARES.iter().enumerate() {
                 let shares = Some(vec![share; self.pixels()].into());
-                let (spp, seed) = (training.spp, seeds::ORACLE + r);
-                let taken = self.take(Take { spp, seed, shares, ..Take::default() })?;
+                let taken = self.take(Take { spp, seed: seeds::ORACLE + r, shares, ..Take::default() })?;
                 learner.add(i, taken.values.into_iter());
                 self.done += f64::from(spp);
             }

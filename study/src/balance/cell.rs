@@ -23,16 +23,6 @@ pub struct Times {
     pub allocation: Option<f64>,
 }
 
-pub struct Timing {
-    /// CPU seconds of all threads.
-    pub cpu_seconds: f64,
-    /// Wall seconds.
-    pub wall_seconds: f64,
-    /// CPU time over that of `half` in the same round.
-    pub time_ratio: f64,
-    pub time_ratio_se: f64,
-}
-
 /// Result of a pre-pass of guiding.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Prepass {
@@ -113,16 +103,13 @@ impl Cell {
         mean
     }
 
-    pub fn timing(&self, replicas: usize) -> Timing {
+    /// Medians over the first replicas: CPU seconds of all threads, wall seconds, CPU time over that of `half` in the same
+    /// round; and the standard error of the last.
+    pub fn timing(&self, replicas: usize) -> [f64; 4] {
         let times = &self.times[..replicas];
         let median_of = |of: fn(&Times) -> f64| median(&times.iter().map(of).collect::<Vec<_>>());
         let to_half = times.iter().filter_map(|t| Some(t.cpu / t.half_cpu?)).collect::<Vec<_>>();
-        Timing {
-            cpu_seconds: median_of(|t| t.cpu),
-            wall_seconds: median_of(|t| t.wall),
-            time_ratio: median(&to_half),
-            time_ratio_se: median_error(&to_half),
-        }
+        [median_of(|t| t.cpu), median_of(|t| t.wall), median(&to_half), median_error(&to_half)]
     }
 
     pub fn push(&mut self, replica: &Replica) {

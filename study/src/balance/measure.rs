@@ -50,15 +50,14 @@ pub fn measure(
         info!("{}: {:.0} Mpaths to take", scene.name, campaign.all * campaign.pixels() as f64 / 1e6);
     }
     campaign.shares = if wants_oracle { campaign.stored_shares()? } else { None };
-    let training = oracle::training(design);
     if wants_oracle && campaign.shares.is_none() {
-        campaign.all += f64::from(training.spp * training.replicas) * oracle::SHARES.len() as f64;
+        campaign.all += f64::from(oracle::spp(design) * design.replicas) * oracle::SHARES.len() as f64;
     }
 
     campaign.rounds(&mut reference, REFERENCE_PARTS as usize)?;
     let reference = reference.remove(0).1;
     if wants_oracle && campaign.shares.is_none() {
-        campaign.train(&reference, training)?;
+        campaign.train(&reference)?;
     }
     for spp in &design.spp {
         let (mut these, others) = cells.into_iter().partition::<Vec<_>, _>(|(key, _)| key.spp == *spp);

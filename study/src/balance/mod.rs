@@ -157,9 +157,7 @@ impl Estimator {
     pub fn shown(estimators: &[Self]) -> Balance {
         let methods = estimators.iter().filter_map(|e| if let Self::Method(b) = e { Some(*b) } else { None });
         let default = bismar::render::RenderSettings::default().balance;
-        let mut methods = methods.collect::<Vec<_>>();
-        methods.sort_by_key(|&b| (b != default, b == Balance::Half));
-        methods.first().copied().unwrap_or(default)
+        methods.min_by_key(|&b| (b != default, b == Balance::Half)).unwrap_or(default)
     }
 }
 

@@ -6,7 +6,6 @@
 
 use std::sync::Arc;
 
-use bismar::render::RenderSettings;
 use bismar::render::tile::{TILE, Tile};
 use bismar::{Error, Result};
 
@@ -19,15 +18,6 @@ pub struct Mosaic {
     pub picture: [u32; 2],
     /// The tiles' places in the picture's grid, row by row of the mosaic.
     pub tiles: Arc<[[u32; 2]]>,
-}
-
-/// Indices of a measured pixel.
-#[derive(Debug, Clone, Copy)]
-pub struct MosaicPixel {
-    /// Index in the mosaic, row by row.
-    pub at: usize,
-    /// Index in the tile, row by row.
-    pub in_tile: usize,
 }
 
 impl Mosaic {
@@ -71,21 +61,14 @@ impl Mosaic {
         self.size[0].div_ceil(TILE)
     }
 
-    /// Upper left corner of a tile in the mosaic.
-    fn corner(&self, tile: usize) -> [u32; 2] {
-        let tile = tile as u32;
-        [tile % self.columns() * TILE, tile / self.columns() * TILE]
-    }
-
-    /// The measured pixels of tile `number`.
-    pub fn pixels_of(&self, number: usize) -> impl Iterator<Item = MosaicPixel> {
-        let ([width, height], [x0, y0]) = (self.size, self.corner(number));
+    /// Indices of the measured pixels of tile `number`, row by row: in the mosaic, and in the tile.
+    pub fn pixels_of(&self, number: usize) -> impl Iterator<Item = (usize, usize)> {
+        let ([width, height], tile) = (self.size, number as u32);
+        let (x0, y0) = (tile % self.columns() * TILE, tile / self.columns() * TILE);
         let side = TILE.min(self.picture[0] - self.tiles[number][0] * TILE);
         let (x1, y1) = ((x0 + TILE).min(width), (y0 + TILE).min(height));
         (y0..y1).flat_map(move |y| {
-            let pixel =
-                move |x| MosaicPixel { at: (y * width + x) as usize, in_tile: ((y - y0) * side + x - x0) as usize };
-            (x0..x1).map(pixel)
+            (x0..x1).map(move |x| ((y * width + x) as usize, ((y - y0) * side + x - x0) as usize))
         })
     }
 
@@ -94,11 +77,6 @@ impl Mosaic {
         let [x, y] = [pixel as u32 % self.size[0], pixel as u32 / self.size[0]];
         let [column, row] = self.tiles[(y / TILE * self.columns() + x / TILE) as usize];
         [column * TILE + x % TILE, row * TILE + y % TILE]
-    }
-
-    pub fn settings(&self, settings: RenderSettings) -> RenderSettings {
-        let [width, height] = self.picture;
-        RenderSettings { width, height, ..settings }
     }
 
     /// Expands shares of measured pixels to the whole picture; all other pixels get ½.
@@ -122,7 +100,7 @@ impl Mosaic {
     ) -> Vec<T> {
         let mut all = vec![T::default(); self.pixels()];
         for (number, tile) in numbers.zip(tiles) {
-            self.pixels_of(number).for_each(|pixel| all[pixel.at] = of(tile, pixel.in_tile));
+            self.pixels_of(number).for_each(|(at, in_tile)| all[at] = of(tile, in_tile));
         }
         all
     }
@@ -141,9 +119,9 @@ mod tests {
         assert_eq!(mosaic.coordinates(17 * 40 + 33), [1600 + 1, 800 + 1]);
         // The last tile is cut off by the mosaic's edge, not narrower itself.
         let places = mosaic.pixels_of(2).collect::<Vec<_>>();
-        assert_eq!((places.len(), places[8].at, places[8].in_tile), (8 * 16, 40 + 32, 16));
+        assert_eq!((places.len(), places[8]), (8 * 16, (40 + 32, 16)));
         let mut seen = vec![0; mosaic.pixels()];
-        (0..6).flat_map(|tile| mosaic.pixels_of(tile)).for_each(|pixel| seen[pixel.at] += 1);
+        (0..6).flat_map(|tile| mosaic.pixels_of(tile)).for_each(|(at, _)| seen[at] += 1);
         assert!(seen.iter().all(|n| *n == 1));
     }
 
@@ -154,8 +132,7 @@ mod tests {
             assert_eq!(*mosaic.tiles, [[0, 0], [1, 0], [2, 0], [0, 1], [1, 1], [2, 1]]);
             assert!(mosaic.is_whole());
             // The last tile is 8 pixels wide and 4 high.
-            let last = mosaic.pixels_of(5).last().unwrap();
-            assert_eq!((last.at, last.in_tile), (40 * 20 - 1, 4 * 8 - 1));
+            assert_eq!(mosaic.pixels_of(5).last(), Some((40 * 20 - 1, 4 * 8 - 1)));
             assert!((0..800).all(|pixel| mosaic.coordinates(pixel) == [pixel as u32 % 40, pixel as u32 / 40]));
         }
         let error = Mosaic::new([64, 64], Some([63, 100])).unwrap_err();

@@ -16,17 +16,10 @@ pub const FILE: &str = "oracle.cell";
 /// Pseudo-observation of variance at either end of r, in replicas: against events that the search did not see.
 const PSEUDO_REPLICAS: f64 = 1.0;
 
-#[derive(Debug, Clone, Copy)]
-pub struct Training {
-    /// Paths a pixel of each render.
-    pub spp: u32,
-    pub replicas: u32,
-}
-
-/// The study's number of replicas, at a quarter of the most samples.
-pub fn training(design: &Design) -> Training {
+/// Paths a pixel of its renders: a quarter of the most samples.
+pub fn spp(design: &Design) -> u32 {
     let most = design.spp.last().copied().unwrap_or(1);
-    Training { spp: (most / 4).clamp(most.min(16), most), replicas: design.replicas }
+    (most / 4).clamp(most.min(16), most)
 }
 
 /// Accumulates renders with fixed shares.

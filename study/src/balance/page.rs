@@ -8,8 +8,7 @@ use bismar::Result;
 use super::scene_results::SceneResults;
 use super::table::{self, Level, Row};
 use super::{Design, Estimator, HALF};
-use crate::report::page::chart_figure;
-use crate::report::{self, Cell, Page, Table, Tone, percent, with_error};
+use crate::report::{Cell, Page, Table, Tone, percent, with_error};
 use charts::{overview, scene_charts};
 use pictures::{by_eye, pictures, worst_pixels};
 
@@ -17,14 +16,10 @@ use pictures::{by_eye, pictures, worst_pixels};
 pub fn write(design: &Design, scenes: &[SceneResults]) -> Result<()> {
     let rows = scenes.iter().flat_map(|s| &s.levels).flat_map(|l| &l.results).map(|o| o.row.clone());
     table::write(design, &rows.collect::<Vec<_>>())?;
-    let charts = |scene: &SceneResults| {
-        let named = |(name, chart)| (format!("{}-{name}", scene.name), chart);
-        scene_charts(scene).into_iter().map(named).collect::<Vec<_>>()
-    };
-    report::write(&design.folder, page(design, scenes)?, overview(design, scenes), scenes.iter().flat_map(charts))
+    page(design, scenes)?.write(&design.folder)
 }
 
-fn page(design: &Design, scenes: &[SceneResults]) -> Result<String> {
+fn page(design: &Design, scenes: &[SceneResults]) -> Result<Page> {
     let spp = design.spp.last().copied().unwrap_or(0);
     let lead = format!(
         "Every estimator against `half` (one light and one BSDF sample per path, balance heuristic): {}",
@@ -32,39 +27,22 @@ fn page(design: &Design, scenes: &[SceneResults]) -> Result<String> {
     );
     let mut page = Page::new("Balance study", &lead);
     page.section("Overview");
-    if let Some(plot) = overview(design, scenes) {
+    if let Some(svg) = overview(design, scenes) {
         let oracle = scenes.iter().any(|s| s.outcome(Estimator::Oracle).is_some());
         let caption = "The oracle is not a method: it is the best fixed share of each pixel, found by brute force.";
-        page.wide(plot.svg(), if oracle { caption } else { "" });
+        page.wide(("overview".to_owned(), svg, if oracle { caption } else { "" }));
     }
     averages(&mut page, scenes, spp);
     for scene in scenes {
         scene_section(&mut page, design, scene)?;
     }
-    Ok(page.finish())
+    Ok(page)
 }
 
-/// Columns of [`Row`], and whether a ratio is good below 1.
-const COLUMNS: [(&str, i8); 18] = [
-    ("estimator", 0),
-    ("rel_mse", 0),
-    ("cpu_seconds", 0),
-    ("inverse_efficiency", 0),
-    ("time_ratio", 0),
-    ("ratio", -1),
-    ("ratio_of_means", -1),
-    ("equal_time_ratio", -1),
-    ("found_ratio", 0),
-    ("to_oracle", 0),
-    ("worse", 0),
-    ("worse_surely", 0),
-    ("p50", 0),
-    ("p95", 0),
-    ("p99", 0),
-    ("p100", 0),
-    ("worst_held_out", 0),
-    ("bias_z", 0),
-];
+/// Columns of [`Row`].
+const COLUMNS: &str = "estimator rel_mse cpu_seconds inverse_efficiency time_ratio ratio<1 ratio_of_means<1 \
+                       equal_time_ratio<1 found_ratio to_oracle worse worse_surely p50 p95 p99 p100 \
+                       worst_held_out bias_z";
 
 fn averages(page: &mut Page, scenes: &[SceneResults], spp: u32) {
     let Some(first) = scenes.first().and_then(SceneResults::top) else { return };
@@ -99,25 +77,21 @@ pub(super) fn toned(ratio: f64, error: f64) -> Cell {
 
 fn scene_section(page: &mut Page, design: &Design, scene: &SceneResults) -> Result<()> {
     page.section(&scene.name);
-    let shown = Estimator::Method(scene.portrait.shown);
-    let (Some(top), Some(outcome)) = (scene.top(), scene.outcome(shown)) else { return Ok(()) };
-    pictures(page, design, scene, outcome)?;
-    let captions = [
-        "Bars: two standard errors either way. Lines that coincide are drawn side by side.",
-        "The same over samples.",
-        "Left of 1: less variance than `half` in that pixel. `half again` shows the scatter of noise alone.",
-    ];
-    let charts = scene_charts(scene).into_iter().zip(captions);
-    page.row(charts.map(|((_, chart), caption)| chart_figure(chart.svg(), caption)));
+    let Some(top) = scene.top() else { return Ok(()) };
+    let outcome = scene.outcome(Estimator::Method(scene.portrait.shown));
+    if let Some(outcome) = outcome {
+        pictures(page, design, scene, outcome);
+    }
+    page.charts(scene_charts(scene, top));
     page.heading(&format!("{} paths a pixel", top.spp));
     page.table(&level_table(top));
     for level in scene.levels.iter().rev().skip(1) {
         page.details(&format!("{} paths a pixel", level.spp), |page| page.table(&level_table(level)));
     }
-    by_eye(page, design, scene)?;
-    worst_pixels(page, design, scene, outcome)
+    by_eye(page, design, scene);
+    outcome.map_or(Ok(()), |outcome| worst_pixels(page, design, scene, outcome))
 }
 
 fn level_table(level: &Level) -> Table {
-    Table::of_fields(&level.results.iter().map(|o| &o.row).collect::<Vec<_>>(), &COLUMNS)
+    Table::of_fields(&level.results.iter().map(|o| &o.row).collect::<Vec<_>>(), COLUMNS)
 }

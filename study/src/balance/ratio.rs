@@ -47,18 +47,6 @@ impl Deviations {
         &self.values[pixel * self.replicas..][..self.replicas]
     }
 
-    /// A pixel's sample variance over some replicas, of which some may count more than once.
-    pub fn variance(&self, pixel: usize, replicas: impl Iterator<Item = usize> + Clone) -> f64 {
-        let values = self.pixel(pixel);
-        let n = replicas.clone().count() as f64;
-        let mut sums = [0.0; 4];
-        for r in replicas {
-            sums.iter_mut().zip(values[r]).for_each(|(s, y)| *s += y);
-        }
-        let [a, b, c, squares] = sums;
-        ((squares - (a * a + b * b + c * c) / n) / (n - 1.0)).max(0.0)
-    }
-
     /// A pixel's sample variance.
     pub fn variance_of_all(&self, pixel: usize) -> f64 {
         self.pixel(pixel).iter().map(|y| y[3]).sum::<f64>() / (self.replicas - 1) as f64
@@ -210,7 +198,7 @@ pub fn worst_held_out(own: &Deviations, base: &Deviations, pixels: &[usize], sha
     let half = own.replicas() / 2;
     let log_ratio = |pixel: usize, first: bool| {
         let range = if first { 0..half } else { half..own.replicas() };
-        let (a, b) = (own.variance(pixel, range.clone()), base.variance(pixel, range));
+        let [a, b] = [own, base].map(|of| variance(&of.pixel(pixel)[range.clone()]));
         (a > 0.0 && b > 0.0).then(|| (a / b).ln())
     };
     let pairs: Vec<[f64; 2]> =
@@ -230,6 +218,17 @@ pub fn worst_held_out(own: &Deviations, base: &Deviations, pixels: &[usize], sha
         variance += 0.25 * squares / (n * (n - 1)) as f64;
     }
     Some((mean.exp(), mean.exp() * variance.sqrt()))
+}
+
+/// Sample variance of some of a pixel's replicas.
+fn variance(replicas: &[[f64; 4]]) -> f64 {
+    let n = replicas.len() as f64;
+    let mut sums = [0.0; 4];
+    for y in replicas {
+        sums.iter_mut().zip(y).for_each(|(s, y)| *s += y);
+    }
+    let [a, b, c, squares] = sums;
+    ((squares - (a * a + b * b + c * c) / n) / (n - 1.0)).max(0.0)
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use super::campaign::seeds;
-use super::cell::{Cell, Timing};
+use super::cell::Cell;
 use super::key::What;
 use super::measure::Measured;
 use super::ratio::{self, Deviations, Judgeable, Ratio};
@@ -167,7 +167,7 @@ fn row(
     let squares = |r: usize| cell.picture(r).iter().zip(reference).map(|(&x, r)| (f64::from(x) - r).powi(2));
     let rel_mses = (0..replicas).map(|r| rel_mse(cell.picture(r), reference)).collect::<Vec<_>>();
     let (rel_mse, rel_mse_variance) = moments(&rel_mses);
-    let Timing { cpu_seconds, wall_seconds, time_ratio, time_ratio_se } = cell.timing(replicas);
+    let [cpu_seconds, wall_seconds, time_ratio, time_ratio_se] = cell.timing(replicas);
     let [_, ratio_of_means, worse, p50, p95, p99, p100] = judged.summary;
     let [ratio_se, ratio_of_means_se, worse_se, p50_se, p95_se, p99_se, p100_se] = judged.errors;
     let [_, _, worse_control, p50_control, p95_control, p99_control, p100_control] = control.summary;

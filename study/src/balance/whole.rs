@@ -8,7 +8,7 @@ pub mod page;
 
 use serde::{Deserialize, Serialize};
 
-use super::cell::{Cell, Prepass, Timing};
+use super::cell::{Cell, Prepass};
 use super::key::{Key, What};
 use super::measure::Measured;
 use super::table::{bias_z, rel_mse, relative_squares};
@@ -134,7 +134,7 @@ fn row(
     let (own, base) = (rel_mses(cell), rel_mses(half));
     let (rel_mse, variance) = moments(&own);
     let (rel_mse_ratio, rel_mse_ratio_se) = ratio(&own, &base);
-    let Timing { cpu_seconds, time_ratio, time_ratio_se, .. } = cell.timing(replicas);
+    let [cpu_seconds, _, time_ratio, time_ratio_se] = cell.timing(replicas);
     let times = &cell.times[..replicas];
     let optional_mean = |values: Vec<f64>| (!values.is_empty()).then(|| mean_of(values.into_iter()));
     let prepass =

@@ -109,18 +109,13 @@ impl BalanceArgs {
             None if quick => ["second-order", "progressive"].into_iter().filter_map(Estimator::named).collect(),
             None => Estimator::all(),
         };
-        let size = match () {
-            () if whole => Size(192, 128),
-            () if quick => Size(32, 32),
-            () => Size(64, 64),
+        let (size, replicas) = match () {
+            () if whole => (Size(192, 128), 4),
+            () if quick => (Size(32, 32), 16),
+            () => (Size(64, 64), 32),
         };
         let Size(width, height) = self.size.unwrap_or(size);
         let most = spp.last().copied().unwrap_or(1);
-        let replicas = match () {
-            () if whole => 4,
-            () if quick => 16,
-            () => 32,
-        };
         Design {
             folder: self.out.clone(),
             estimators,
@@ -182,16 +177,15 @@ pub(super) fn run(args: &BalanceArgs, verbosity: Verbosity) -> Result<Verdict> {
 
 /// Table of a scene's whole pictures, for the terminal.
 fn scores(design: &Design, scene: &whole::SceneResults) -> String {
-    let fields = ["estimator", "paths_mean", "rel_mse", "cpu_seconds", "rel_mse_ratio", "time_ratio", "product_ratio"];
-    let table = Table::of_fields(&scene.rows, &fields.map(|field| (field, 0)));
+    let fields = "estimator paths_mean rel_mse cpu_seconds rel_mse_ratio time_ratio product_ratio";
+    let table = Table::of_fields(&scene.rows, fields);
     format!("{}, {} replicas\n{}", scene.name, design.replicas, table.text())
 }
 
 /// Table of the largest number of paths, for the terminal.
 fn summary(scene: &str, design: &Design, level: &Level) -> String {
-    let errors = ["estimator", "rel_mse", "cpu_seconds", "ratio", "found_ratio", "time_ratio"].map(|field| (field, 0));
-    let pixels = ["worse", "worse_surely", "p99", "worst_held_out"].map(|field| (field, 0));
     let rows = level.results.iter().map(|outcome| &outcome.row).collect::<Vec<_>>();
-    let table = Table::of_fields(&rows, &[&errors[..], &pixels].concat());
+    let fields = "estimator rel_mse cpu_seconds ratio found_ratio time_ratio worse worse_surely p99 worst_held_out";
+    let table = Table::of_fields(&rows, fields);
     format!("{scene}, {} paths a pixel, {} replicas\n{}", level.spp, design.replicas, table.text())
 }

@@ -104,17 +104,13 @@ pub(super) fn run(args: &RaysArgs, verbosity: Verbosity) -> Result<Verdict> {
         host.machine += &format!(", Embree held to {isa}");
     }
     let mut results = Results::new(host, design.rounds);
-    let mut subjects: Vec<Box<dyn Fn() -> Result<Subject>>> = Vec::new();
-    for (path, name) in args.scenes.iter().zip(names(&args.scenes, &args.generate)?) {
-        subjects.push(Box::new(move || Subject::load(path, &name)));
-    }
-    for shape in &args.generate {
-        subjects.push(Box::new(move || Ok(Subject::generate(shape))));
-    }
-    let all = subjects.len() as f64;
-    for (i, subject) in subjects.iter().enumerate() {
+    let files = args.scenes.iter().zip(names(&args.scenes, &args.generate)?);
+    let files = files.map(|(path, name)| Subject::load(path, &name));
+    let subjects = files.chain(args.generate.iter().map(|shape| Ok(Subject::generate(shape))));
+    let all = (args.scenes.len() + args.generate.len()) as f64;
+    for (i, subject) in subjects.enumerate() {
         let progress = |done: f64| reporter.update(progress((i as f64 + done) / all, start));
-        let subject = subject()?;
+        let subject = subject?;
         let before = results.clone();
         if let Err(error) = measure(&bench, &subject, &design, &mut results, &stop, &progress) {
             reporter.finish(false);
@@ -127,7 +123,6 @@ pub(super) fn run(args: &RaysArgs, verbosity: Verbosity) -> Result<Verdict> {
     }
     reporter.finish(true);
     let (unexplained, pictures) = (results.unexplained(), results.differing_pictures());
-    write(&design.folder, &results)?;
     if !verbosity.quiet {
         say(format_args!("{}", page.display()));
     }

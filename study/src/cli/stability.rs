@@ -51,7 +51,7 @@ pub(super) fn run(args: &StabilityArgs, verbosity: Verbosity) -> Result<Verdict>
     let signals = Signals::listen()?;
     let reporter = args.run.reporter(verbosity);
     let included = |methods| args.only.is_none_or(|only| only == methods);
-    let balance_steps = if included(Methods::Balance) { stability::steps(true) } else { 0 };
+    let balance_steps = if included(Methods::Balance) { stability::steps() } else { 0 };
     let guiding_steps = if included(Methods::Guiding) { guiding::steps() } else { 0 };
     let reuse_steps = if included(Methods::PathReuse) { sharing::steps() } else { 0 };
     let (start, all) = (Instant::now(), (balance_steps + guiding_steps + reuse_steps) as f64);

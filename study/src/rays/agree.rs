@@ -8,6 +8,7 @@ use glam::Vec3;
 use super::exact::{ExactRay, Hit, Plane, meet};
 use super::replay::{self, Sink};
 use super::stream::{Kind, Query, Stream};
+use crate::statistics::mean_of;
 
 /// Why two answers differ.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -36,35 +37,24 @@ pub type Tally = [u64; 8];
 /// A weight's rounding above this share makes a hit grazing.
 const GRAZING: f64 = 0.01;
 
-/// The answers of a backend to a stream, query by query.
-pub struct Answers(Vec<Answer>);
-
-enum Answer {
-    Hits(HitBatch),
-    Occluded(Vec<bool>),
-}
+/// The answers of a backend to a stream, query by query: hits, or what is occluded.
+pub struct Answers(Vec<Sink>);
 
 impl Answers {
     pub fn of(backend: &dyn RayQueries, stream: &Stream) -> Self {
         let answer = |query: &Query| {
             let mut sink = Sink::default();
             replay::answer(backend, query, &mut sink);
-            match query.kind {
-                Kind::Closest => Answer::Hits(sink.0),
-                Kind::Occluded => Answer::Occluded(sink.1),
-            }
+            sink
         };
         Self(stream.queries.iter().map(answer).collect())
     }
 
     /// Share of the rays that hit something.
     pub fn hit_share(&self) -> f64 {
-        let hits_of_all = |answer: &Answer| match answer {
-            Answer::Hits(hits) => (hits.t.iter().filter(|t| t.is_finite()).count(), hits.t.len()),
-            Answer::Occluded(occluded) => (occluded.iter().filter(|o| **o).count(), occluded.len()),
-        };
-        let (hits, all) = self.0.iter().map(hits_of_all).fold((0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
-        hits as f64 / all.max(1) as f64
+        let hits = self.0.iter().flat_map(|(hits, _)| hits.t.iter().map(|t| t.is_finite()));
+        let occluded = self.0.iter().flat_map(|(_, occluded)| occluded.iter().copied());
+        mean_of(hits.chain(occluded).map(|hit| f64::from(u8::from(hit))))
     }
 }
 
@@ -89,32 +79,24 @@ impl<'a> Judge<'a> {
         tell: &mut dyn FnMut(String),
     ) -> Tally {
         let mut counts = Tally::default();
-        for (Query { rays, .. }, answers) in stream.queries.iter().zip(of_a.0.iter().zip(&of_b.0)) {
-            let mut count = |class: Class, i: usize, a: Option<Hit>, b: Option<Hit>| {
+        for (Query { kind, rays, .. }, (own, other)) in stream.queries.iter().zip(of_a.0.iter().zip(&of_b.0)) {
+            for i in 0..rays.len() {
+                let (class, [hit_a, hit_b]) = match kind {
+                    Kind::Closest => {
+                        let [a, b] = [&own.0, &other.0].map(|hits| Hit::new(hits, i));
+                        (self.class(rays, i, a, b), [a, b])
+                    }
+                    Kind::Occluded if own.1[i] == other.1[i] => (Class::Same, [None; 2]),
+                    Kind::Occluded => {
+                        let [a, b] = candidates(a, b, rays, i);
+                        (self.class_occluded(rays, i, a, b), [a, b])
+                    }
+                };
                 counts[class as usize] += 1;
                 if class == Class::Unexplained && counts[class as usize] <= 3 {
                     let (o, d, range) = (rays.origin(i), rays.direction(i), [rays.tnear[i], rays.tfar[i]]);
-                    tell(format!("{}: ray from {o} to {d} in {range:?}: {a:?} against {b:?}", stream.name));
+                    tell(format!("{}: ray from {o} to {d} in {range:?}: {hit_a:?} against {hit_b:?}", stream.name));
                 }
-            };
-            match answers {
-                (Answer::Hits(a), Answer::Hits(b)) => {
-                    for i in 0..rays.len() {
-                        let (a, b) = (Hit::new(a, i), Hit::new(b, i));
-                        count(self.class(rays, i, a, b), i, a, b);
-                    }
-                }
-                (Answer::Occluded(a_occluded), Answer::Occluded(b_occluded)) => {
-                    for i in 0..rays.len() {
-                        if a_occluded[i] == b_occluded[i] {
-                            count(Class::Same, i, None, None);
-                            continue;
-                        }
-                        let [hit_a, hit_b] = candidates(a, b, rays, i);
-                        count(self.class_occluded(rays, i, hit_a, hit_b), i, hit_a, hit_b);
-                    }
-                }
-                _ => unreachable!("answers to one stream"),
             }
         }
         counts
@@ -130,7 +112,7 @@ impl<'a> Judge<'a> {
         match (a, b) {
             (None, None) => Class::Same,
             (Some(hit), None) | (None, Some(hit)) => match plane(hit) {
-                Some(plane) if self.sound(&plane, &ray, &hit) => {
+                Some(plane) if plane.explains(&hit, &ray) => {
                     self.lost(&plane, &ray, rays.key[i], &hit, Class::Miss)
                 }
                 plane => grazing_or_wrong(plane.as_ref()),
@@ -138,7 +120,7 @@ impl<'a> Judge<'a> {
             (Some(a), Some(b)) => {
                 let (Some(of_a), Some(of_b)) = (plane(a), plane(b)) else { return Class::Grazing };
                 for (plane, hit) in [(&of_a, &a), (&of_b, &b)] {
-                    if !self.sound(plane, &ray, hit) {
+                    if !plane.explains(hit, &ray) {
                         return grazing_or_wrong(Some(plane));
                     }
                 }
@@ -166,11 +148,6 @@ impl<'a> Judge<'a> {
             Some(plane) => self.lost(&plane, &ray, rays.key[i], &hit, Class::Miss),
             None => Class::Grazing,
         }
-    }
-
-    /// Whether a hit is consistent with ray and triangle.
-    fn sound(&self, plane: &Plane, ray: &ExactRay, hit: &Hit) -> bool {
-        plane.possible(ray) && plane.agrees(hit)
     }
 
     /// Class of a hit that the other backend missed.

@@ -70,22 +70,18 @@ impl Plane {
         self.inside() <= self.weight_error
     }
 
-    /// Whether a hit is possible within rounding.
-    pub fn possible(&self, ray: &ExactRay) -> bool {
-        let (e, te) = (self.weight_error, self.t_error);
-        self.inside() >= -e && self.t >= ray.tnear - te && self.t <= ray.tfar + te
-    }
-
     /// Whether the intersection is within rounding of either end of the ray's interval.
     pub fn at_end(&self, ray: &ExactRay) -> bool {
         self.t <= ray.tnear + self.t_error || self.t >= ray.tfar - self.t_error
     }
 
-    /// Whether a backend's hit is within rounding of the exact one.
-    pub fn agrees(&self, hit: &Hit) -> bool {
-        let [t, u, v] = hit.at.map(f64::from);
+    /// Whether within rounding a hit is possible, and a backend's hit is the exact one.
+    pub fn explains(&self, hit: &Hit, ray: &ExactRay) -> bool {
         let (e, te) = (self.weight_error, self.t_error);
-        (t - self.t).abs() <= te && (u - self.weights[1]).abs() <= e && (v - self.weights[2]).abs() <= e
+        let possible = self.inside() >= -e && self.t >= ray.tnear - te && self.t <= ray.tfar + te;
+        let [t, u, v] = hit.at.map(f64::from);
+        let [_, exact_u, exact_v] = self.weights;
+        possible && (t - self.t).abs() <= te && (u - exact_u).abs() <= e && (v - exact_v).abs() <= e
     }
 }
 

@@ -8,19 +8,17 @@ use bismar::console::host::pool;
 use bismar::rays::cwbvh;
 use bismar::sampling::SplitMix64;
 use rayon::ThreadPool;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use crate::clock::thread_seconds;
 use crate::provenance::Machine;
 
 /// The machine that measured.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+#[derive(Debug, Clone, Serialize)]
 pub struct Host {
     pub machine: String,
-    pub cpu: String,
-    pub cores: usize,
-    pub memory_bytes: u64,
-    pub kernel: String,
+    #[serde(flatten)]
+    pub hardware: Machine,
     pub virtual_machine: bool,
     pub frequency_governor: Option<String>,
     pub isa_baseline: String,
@@ -42,13 +40,11 @@ impl Host {
     pub fn look() -> Self {
         let cpus = read("/proc/cpuinfo");
         let field = |key: &str| cpus.lines().find_map(|l| l.strip_prefix(key)?.trim().strip_prefix(':')).map(str::trim);
-        let Machine { cpu, cores, memory_bytes, kernel } = Machine::look();
+        let hardware = Machine::look();
         let (flushes, zeroes) = floating_point_mode();
         Self {
-            machine: format!("{cpu}, {cores} cores"),
-            cores,
-            memory_bytes,
-            kernel,
+            machine: format!("{}, {} cores", hardware.cpu, hardware.cores),
+            hardware,
             virtual_machine: field("flags").is_some_and(|flags| flags.split(' ').any(|f| f == "hypervisor")),
             frequency_governor: fs::read_to_string("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")
                 .ok()
@@ -65,7 +61,6 @@ impl Host {
             stolen_share: 0.0,
             spin_seconds: Vec::new(),
             chase_seconds: Vec::new(),
-            cpu,
         }
     }
 }
@@ -145,7 +140,7 @@ impl Gauge {
 }
 
 /// Whether this thread flushes results to zero, and whether it treats denormal operands as zero.
-pub fn floating_point_mode() -> (bool, bool) {
+fn floating_point_mode() -> (bool, bool) {
     let (least, denormal) = (black_box(f32::MIN_POSITIVE), black_box(f32::from_bits(1)));
     // A normal number halved is denormal; a denormal one times 2²⁴ is normal unless it counts as zero.
     (black_box(least * black_box(0.5)) == 0.0, black_box(denormal * black_box(16_777_216.0)) == 0.0)
@@ -193,20 +188,10 @@ fn stolen() -> (u64, u64) {
     (ticks.get(7).copied().unwrap_or(0), ticks.iter().take(8).sum())
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "counters"))]
 mod tests {
     use super::*;
 
-    #[test]
-    fn the_floating_point_mode_is_seen() {
-        std::thread::spawn(|| {
-            assert_eq!(floating_point_mode(), (false, false));
-        })
-        .join()
-        .unwrap();
-    }
-
-    #[cfg(feature = "counters")]
     #[test]
     fn what_the_system_can_count_is_counted() {
         let spin = |n: u64| (0..n).for_each(|i| _ = black_box(i));

@@ -52,7 +52,7 @@ pub fn measure(
     let (base, built) = campaign.build(&baseline, true)?;
     results.hosts[0].embree.clone_from(&base.info().version);
     results.hosts[0].embree_isa.clone_from(&base.info().isa);
-    let record = || stream::record(&subject.scene, base.as_ref(), &subject.settings, design.rays);
+    let record = || stream::record(&subject.scene, base.as_ref(), design.rays);
     let streams = bench.one.install(record)?;
     let judge = Judge::new(&subject.scene);
     let base = Side { backend: base.as_ref(), build_seconds: built.cpu_seconds };
@@ -304,7 +304,7 @@ impl Campaign<'_> {
                     spp: Some(design.spp),
                     balance: Balance::Half,
                     seed: 1 + 2 * round + which as u32,
-                    ..self.subject.settings.clone()
+                    ..RenderSettings::even()
                 };
                 let backend = [base, side][which].backend;
                 self.bench.one.install(|| -> Result<()> {

@@ -12,7 +12,7 @@ pub mod exact;
 pub mod host;
 pub mod measure;
 pub mod page;
-mod replay;
+pub mod replay;
 pub mod shapes;
 pub mod stream;
 pub mod table;
@@ -20,7 +20,6 @@ pub mod table;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use bismar::render::RenderSettings;
 use bismar::scene::Scene;
 use bismar::{Error, Result};
 
@@ -71,8 +70,6 @@ pub struct Subject {
     pub triangles: u64,
     /// Triangles that are built: each once, or once for every object that is placed.
     pub built: u64,
-    /// The first camera's view.
-    pub settings: RenderSettings,
 }
 
 impl Subject {
@@ -86,7 +83,7 @@ impl Subject {
     }
 
     pub fn generate(shape: &Shape) -> Self {
-        Self::new(shape.name(), Some(shape.kind.name()), shape.scene())
+        Self::new(shape.name(), Some(shape.kind()), shape.scene())
     }
 
     pub fn new(name: String, shape: Option<&'static str>, scene: Scene) -> Self {
@@ -97,6 +94,6 @@ impl Subject {
             if again { 0 } else { scene.triangles(i.object) as u64 }
         };
         let built = scene.instances.iter().map(of_instance).sum();
-        Self { name, shape, scene: Arc::new(scene), triangles, built, settings: RenderSettings::even() }
+        Self { name, shape, scene: Arc::new(scene), triangles, built }
     }
 }

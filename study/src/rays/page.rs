@@ -8,19 +8,16 @@ use bismar::Result;
 
 use super::measure::CONTROL;
 use super::table::{BASELINE, Results, distinct, scenes};
-use crate::report::page::chart_figure;
-use crate::report::{self, Page, Table, Tone, number, plural};
+use crate::report::{Page, Table, Tone, number, plural};
 use charts::{costs, overview, picture};
 
 /// Writes tables, `report.html` and `charts/`.
 pub fn write(folder: &Path, results: &Results) -> Result<()> {
     results.write(folder)?;
-    let scenes = scenes(results);
-    let pictures = scenes.iter().map(|(name, _)| (format!("{name}-picture"), picture(results, name)));
-    report::write(folder, page(results, &scenes), overview(results), costs(results).into_iter().chain(pictures))
+    page(results, &scenes(results)).write(folder)
 }
 
-fn page(results: &Results, scenes: &[(&str, u64)]) -> String {
+fn page(results: &Results, scenes: &[(&str, u64)]) -> Page {
     let differing = results.differing_pictures();
     let rays = results.agreements.iter().map(|a| a.rays).sum::<u64>();
     let verdict = match (results.unexplained(), differing) {
@@ -37,15 +34,16 @@ fn page(results: &Results, scenes: &[(&str, u64)]) -> String {
     );
     let mut page = Page::new("Ray study", &lead);
     page.section("Overview");
-    if let Some(plot) = overview(results) {
-        page.wide(plot.svg(), "`embree (again)` is the baseline built a second time: its distance from 1 is noise.");
+    if let Some(svg) = overview(results) {
+        let caption = "`embree (again)` is the baseline built a second time: its distance from 1 is noise.";
+        page.wide(("overview".to_owned(), svg, caption));
     }
     page.heading("Speed over that of embree, geometric means over the scenes");
     page.table(&averages(results));
     let costs = costs(results);
     if !costs.is_empty() {
         page.section("Cost over the number of triangles");
-        page.row(costs.iter().map(|(_, chart)| chart_figure(chart.svg(), "")));
+        page.charts(costs);
     }
     for (name, triangles) in scenes {
         page.section(name);
@@ -57,9 +55,9 @@ fn page(results: &Results, scenes: &[(&str, u64)]) -> String {
         results.notes.iter().for_each(|note| page.text(note));
     }
     page.section("The machine");
-    let host = ["machine", "kernel", "embree", "embree_isa", "obvhs", "load_before", "load_after", "stolen_share"];
-    page.table(&Table::of_fields(&results.hosts, &host.map(|field| (field, 0))));
-    page.finish()
+    let host = "machine kernel embree embree_isa obvhs load_before load_after stolen_share";
+    page.table(&Table::of_fields(&results.hosts, host));
+    page
 }
 
 fn geometric_mean(values: impl Iterator<Item = f64>) -> f64 {
@@ -86,31 +84,27 @@ fn averages(results: &Results) -> Table {
 }
 
 fn scene_section(page: &mut Page, results: &Results, scene: &str) {
-    page.row([chart_figure(
-        picture(results, scene).svg(),
+    page.charts([(
+        format!("{scene}-picture"),
+        picture(results, scene),
         "Measured build, and measured seconds a path times the number of paths, over those of `embree`. Where a line falls below 1, \
          the longer build has paid off.",
     )]);
-    let plain = |names: &[&'static str]| names.iter().map(|name| (*name, 0)).collect::<Vec<_>>();
     let traces = results.traces.iter().filter(|t| t.scene == scene).collect::<Vec<_>>();
-    let speed = [("mrays_per_second", 0), ("speed_ratio", 1), ("instructions_per_ray", 0)];
-    page.table(&Table::of_fields(
-        &traces,
-        &[plain(&["stream", "backend", "rays", "hit_share"]), speed.to_vec()].concat(),
-    ));
+    let speed = "stream backend rays hit_share mrays_per_second speed_ratio>1 instructions_per_ray";
+    page.table(&Table::of_fields(&traces, speed));
     page.heading("Builds");
-    let seconds = ["backend", "cpu_seconds", "wall_seconds", "one_thread_seconds"];
-    let bytes = ["bytes_per_triangle", "peak_bytes_per_triangle", "peak_process_bytes_per_triangle"];
     let builds = results.builds.iter().filter(|b| b.scene == scene).collect::<Vec<_>>();
-    page.table(&Table::of_fields(&builds, &plain(&[&seconds[..], &bytes].concat())));
+    let costs = "backend cpu_seconds wall_seconds one_thread_seconds bytes_per_triangle peak_bytes_per_triangle \
+                 peak_process_bytes_per_triangle";
+    page.table(&Table::of_fields(&builds, costs));
     page.heading("Pictures");
     let pictures = results.pictures.iter().filter(|p| p.scene == scene).collect::<Vec<_>>();
-    let fields = [("backend", 0), ("cpu_seconds_per_spp", 0), ("speed_ratio", 1), ("crossover_spp", 0), ("bias_z", 0)];
-    page.table(&Table::of_fields(&pictures, &fields));
+    page.table(&Table::of_fields(&pictures, "backend cpu_seconds_per_spp speed_ratio>1 crossover_spp bias_z"));
     let differing = results.agreements.iter().filter(|a| a.scene == scene && a.same < a.rays).collect::<Vec<_>>();
     if !differing.is_empty() {
         page.heading("Where answers differ");
-        let of = ["backend", "stream", "rays", "same", "edge", "coplanar", "grazing", "self_hit", "alpha", "miss"];
-        page.table(&Table::of_fields(&differing, &plain(&[&of[..], &["unexplained"]].concat())));
+        let classes = "backend stream rays same edge coplanar grazing self_hit alpha miss unexplained";
+        page.table(&Table::of_fields(&differing, classes));
     }
 }

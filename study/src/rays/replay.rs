@@ -9,10 +9,10 @@ use crate::clock::thread_seconds;
 /// Shortest time of a measurement in seconds; streams are replayed as often as that takes.
 const LEAST_SECONDS: f64 = 0.02;
 
-pub(super) type Sink = (HitBatch, Vec<bool>);
+pub type Sink = (HitBatch, Vec<bool>);
 
-/// Traces a query and discards the answer.
-pub(super) fn answer(backend: &dyn RayQueries, Query { kind, order, rays }: &Query, (hits, occluded): &mut Sink) {
+/// Traces a query; the answer replaces the one before.
+pub fn answer(backend: &dyn RayQueries, Query { kind, order, rays }: &Query, (hits, occluded): &mut Sink) {
     match kind {
         Kind::Closest => backend.closest_hits(rays, *order, hits),
         Kind::Occluded => backend.occluded(rays, *order, occluded),

@@ -11,30 +11,21 @@ use glam::{Vec3, Vec4, vec3};
 /// A generated scene: `sphere:1000000`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Shape {
-    pub kind: ShapeKind,
+    /// Its place in [`KINDS`].
+    kind: usize,
     /// Number of triangles in [8, 100 million], including one or two of the ground.
-    pub triangles: u32,
+    triangles: u32,
 }
 
-/// Kinds of triangles in generated scenes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ShapeKind {
-    /// A bumpy ball on a ground: small, well-shaped triangles that touch.
-    Sphere,
-    /// Needles a thousand times as long as wide, through one another in all directions.
-    Slivers,
-    /// Small leaves in round crowns: nothing touches, rays go anywhere.
-    Foliage,
-}
-
-const KINDS: [(&str, ShapeKind); 3] =
-    [("sphere", ShapeKind::Sphere), ("slivers", ShapeKind::Slivers), ("foliage", ShapeKind::Foliage)];
-
-impl ShapeKind {
-    pub fn name(self) -> &'static str {
-        KINDS.iter().find(|(_, kind)| *kind == self).map_or("", |(name, _)| name)
-    }
-}
+/// Kinds of triangles in generated scenes, and what makes so many of them.
+const KINDS: [(&str, fn(u32) -> Triangles); 3] = [
+    // A bumpy ball on a ground: small, well-shaped triangles that touch.
+    ("sphere", sphere),
+    // Needles a thousand times as long as wide, through one another in all directions.
+    ("slivers", slivers),
+    // Small leaves in round crowns: nothing touches, rays go anywhere.
+    ("foliage", foliage),
+];
 
 impl FromStr for Shape {
     type Err = String;
@@ -42,7 +33,7 @@ impl FromStr for Shape {
     fn from_str(text: &str) -> Result<Self, String> {
         let wrong = || format!("'{text}' is not sphere:N, slivers:N or foliage:N with N from 8 to 100000000 triangles");
         let (name, number) = text.split_once(':').ok_or_else(wrong)?;
-        let kind = KINDS.iter().find(|(known, _)| *known == name).map(|(_, kind)| *kind).ok_or_else(wrong)?;
+        let kind = KINDS.iter().position(|(known, _)| *known == name).ok_or_else(wrong)?;
         let triangles = number.parse().ok().filter(|n| (8..=100_000_000).contains(n)).ok_or_else(wrong)?;
         Ok(Self { kind, triangles })
     }
@@ -60,21 +51,21 @@ fn in_ball(random: &mut SplitMix64) -> Vec3 {
 }
 
 impl Shape {
+    /// `sphere`.
+    pub fn kind(&self) -> &'static str {
+        KINDS[self.kind].0
+    }
+
     /// `sphere-1000000`.
     pub fn name(&self) -> String {
-        format!("{}-{}", self.kind.name(), self.triangles)
+        format!("{}-{}", self.kind(), self.triangles)
     }
 
     /// Makes it, always the same to the bit on one machine.
     pub fn scene(&self) -> Scene {
         // Spheres and leaves have an even number of triangles; a ground of one makes the whole odd.
         let ground = 2 - self.triangles % 2;
-        let n = self.triangles - ground;
-        let (mut vertices, mut indices) = match self.kind {
-            ShapeKind::Sphere => sphere(n),
-            ShapeKind::Slivers => slivers(n),
-            ShapeKind::Foliage => foliage(n),
-        };
+        let (mut vertices, mut indices) = KINDS[self.kind].1(self.triangles - ground);
         let (first, far) = (vertices.len() as u32, 8.0);
         if ground == 2 {
             vertices.extend([[-far, -1.3, far], [far, -1.3, far], [far, -1.3, -far], [-far, -1.3, -far]]);
@@ -183,7 +174,7 @@ mod tests {
 
     #[test]
     fn shapes_have_exactly_the_triangles_that_were_requested_and_sound_vertices() {
-        for (name, kind) in KINDS {
+        for (kind, (name, _)) in KINDS.into_iter().enumerate() {
             for n in (8..100).chain([1000, 4999, 50_000]) {
                 let shape = format!("{name}:{n}").parse::<Shape>().unwrap();
                 assert_eq!(shape, Shape { kind, triangles: n });

@@ -86,12 +86,12 @@ const BATCH: usize = 4096;
 /// Roughness of all surfaces for the glossy stream.
 const GLOSSY: f32 = 0.25;
 
-/// Records the streams of a view with about `rays` rays each. Camera, shadow and later bounces are those of a path-traced
-/// picture as it is; `diffuse` and `glossy` are first bounces with every surface made diffuse, or a metal of roughness
-/// ¼ (what alpha cuts out stays cut out); two more have the diffuse ones shuffled, and sorted by octant and origin.
+/// Records the streams of the first camera's view with about `rays` rays each. Camera, shadow and later bounces are those of a
+/// path-traced picture as it is; `diffuse` and `glossy` are first bounces with every surface made diffuse, or a metal of
+/// roughness ¼ (what alpha cuts out stays cut out); two more have the diffuse ones shuffled, and sorted by octant and origin.
 /// Streams of few rays are omitted. Must be called on a pool of one thread.
-pub fn record(scene: &Scene, backend: &dyn RayQueries, settings: &RenderSettings, rays: usize) -> Result<Vec<Stream>> {
-    let of = |scene: &Scene, max_depth: u32| -> Result<Tape> {
+pub fn record(scene: &Scene, backend: &dyn RayQueries, rays: usize) -> Result<Vec<Stream>> {
+    let of = |scene: &Scene, max_depth: u32| -> Result<_> {
         let side = (rays as f64).sqrt().ceil() as u32;
         let settings = RenderSettings {
             width: side,
@@ -100,13 +100,13 @@ pub fn record(scene: &Scene, backend: &dyn RayQueries, settings: &RenderSettings
             balance: Balance::Half,
             filter: PixelFilter::Box,
             max_depth,
-            ..settings.clone()
+            ..RenderSettings::even()
         };
         let recorder = Recorder::new(backend);
         let scene = PreparedScene::new(Arc::new(scene.clone()), Box::new(&recorder));
         render(&scene, &settings, &AtomicBool::new(false), &|_| {})?;
         drop(scene);
-        Ok(Tape::new(recorder.into_tape()))
+        Ok(parted(recorder.into_tape()))
     };
     let surfaces = |diffuse: bool| {
         let mut scene = scene.clone();
@@ -119,17 +119,11 @@ pub fn record(scene: &Scene, backend: &dyn RayQueries, settings: &RenderSettings
         }
         scene
     };
-    let real = of(scene, settings.max_depth)?;
-    let diffuse = of(&surfaces(true), 2)?.first;
-    let glossy = of(&surfaces(false), 2)?.first;
+    let [camera, shadow, _, later] = of(scene, RenderSettings::even().max_depth)?;
+    let [_, _, diffuse, _] = of(&surfaces(true), 2)?;
+    let [_, _, glossy, _] = of(&surfaces(false), 2)?;
     let apart = [("diffuse-shuffled", shuffled(&diffuse)), ("diffuse-sorted", sorted(&diffuse))];
-    let whole = [
-        ("camera", real.camera),
-        ("shadow", real.shadow),
-        ("diffuse", diffuse),
-        ("glossy", glossy),
-        ("later", real.later),
-    ];
+    let whole = [("camera", camera), ("shadow", shadow), ("diffuse", diffuse), ("glossy", glossy), ("later", later)];
     let all = whole.into_iter().chain(apart).map(|(name, queries)| {
         let queries = thinned(queries, rays);
         Stream { name: name.to_owned(), queries }
@@ -137,34 +131,25 @@ pub fn record(scene: &Scene, backend: &dyn RayQueries, settings: &RenderSettings
     Ok(all.filter(|stream| stream.rays() >= FEWEST).collect())
 }
 
-#[derive(Default)]
-struct Tape {
-    camera: Vec<Query>,
-    shadow: Vec<Query>,
-    first: Vec<Query>,
-    later: Vec<Query>,
-}
-
-impl Tape {
-    fn new(tape: Vec<Query>) -> Self {
-        let mut all = Self::default();
-        let mut depth = 0;
-        for query in tape {
-            let list = match (query.kind, query.order) {
-                (Kind::Occluded, _) => &mut all.shadow,
-                (Kind::Closest, RayOrder::Coherent) => {
-                    depth = 0;
-                    &mut all.camera
-                }
-                (Kind::Closest, RayOrder::Incoherent) => {
-                    depth += 1;
-                    if depth == 1 { &mut all.first } else { &mut all.later }
-                }
-            };
-            list.push(query);
-        }
-        all
+/// The batches of camera rays, shadow rays, first bounces and later ones.
+fn parted(tape: Vec<Query>) -> [Vec<Query>; 4] {
+    let mut all: [Vec<Query>; 4] = Default::default();
+    let mut depth = 0;
+    for query in tape {
+        let part = match (query.kind, query.order) {
+            (Kind::Occluded, _) => 1,
+            (Kind::Closest, RayOrder::Coherent) => {
+                depth = 0;
+                0
+            }
+            (Kind::Closest, RayOrder::Incoherent) => {
+                depth += 1;
+                if depth == 1 { 2 } else { 3 }
+            }
+        };
+        all[part].push(query);
     }
+    all
 }
 
 /// Batches at regular intervals, with about `rays` rays in all.

@@ -16,12 +16,11 @@ const SCHEMA: u32 = 1;
 pub(super) const BASELINE: &str = "embree";
 
 /// All tables, as in `results.json`.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+#[derive(Debug, Clone, Serialize)]
 pub struct Results {
     pub schema: u32,
     pub version: String,
     pub rounds: usize,
-    #[serde(default)]
     pub runs: Vec<Provenance>,
     pub hosts: Vec<Host>,
     pub traces: Vec<Trace>,
@@ -49,7 +48,6 @@ pub struct Trace {
     pub mrays_spread: f64,
     pub speed_ratio: f64,
     pub speed_ratio_se: f64,
-    #[serde(default)]
     pub instructions_per_ray: Option<f64>,
 }
 

@@ -137,15 +137,10 @@ impl Chart {
         };
         frame((width, HEIGHT), &self.title, content)
     }
-
-    /// The picture as a file of its own.
-    pub fn file(&self) -> String {
-        standalone(self.svg())
-    }
 }
 
-/// A picture with the look that pages give it.
-pub(super) fn standalone(svg: Markup) -> String {
+/// A picture as a file of its own, with the look that pages give it.
+pub(super) fn standalone(svg: &Markup) -> String {
     let ground = ".chart{background:#fff}@media(prefers-color-scheme:dark){.chart{background:#14181d}}";
     svg.0.replacen('>', &format!("><metadata>bismar-study</metadata><style>{CSS}{ground}</style>"), 1)
 }
@@ -252,10 +247,10 @@ mod tests {
     fn a_chart_has_a_line_and_a_name_for_each_series_and_no_markup_from_names() {
         let points = [(1.0, 0.1), (10.0, 0.01)];
         let chart = chart(vec![series("a", &points, &[]), series("<b>", &points, &[])]);
-        let svg = chart.svg().0;
-        assert_eq!(svg.matches("<polyline").count(), 2);
-        assert!(svg.contains("&lt;b&gt;") && !svg.contains("<b>") && svg.contains("t &amp; u"));
-        assert!(chart.file().contains("<style>"));
+        let svg = chart.svg();
+        assert_eq!(svg.0.matches("<polyline").count(), 2);
+        assert!(svg.0.contains("&lt;b&gt;") && !svg.0.contains("<b>") && svg.0.contains("t &amp; u"));
+        assert!(standalone(&svg).contains("<style>"));
     }
 
     #[test]

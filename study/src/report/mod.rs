@@ -9,32 +9,10 @@ pub mod table;
 
 pub use axis::{Axis, Scale};
 pub use chart::{Chart, Series};
-pub use dots::{Dot, DotPlot};
-pub use page::Page;
-pub use picture::{ColorScale, Picture};
+pub use dots::{Dot, dot_plot};
+pub use page::{Figure, Page};
+pub use picture::ColorScale;
 pub use table::{Cell, Columns, Table, Tone};
-
-use std::path::Path;
-
-use bismar::Result;
-
-use crate::files;
-
-/// Writes `report.html`, and `charts/NAME.svg` for the overview and for each chart by its name.
-pub fn write(
-    folder: &Path,
-    page: String,
-    overview: Option<DotPlot>,
-    charts: impl IntoIterator<Item = (String, Chart)>,
-) -> Result<()> {
-    let svgs = folder.join("charts");
-    files::folder(&svgs)?;
-    let overview = overview.map(|plot| ("overview".to_owned(), plot.file()));
-    for (name, svg) in charts.into_iter().map(|(name, chart)| (name, chart.file())).chain(overview) {
-        files::write(&svgs.join(format!("{name}.svg")), svg)?;
-    }
-    files::write(&folder.join("report.html"), page)
-}
 
 /// "s" unless there is one.
 pub fn plural(n: usize) -> &'static str {

@@ -1,11 +1,15 @@
 //! One HTML file that needs nothing else.
 
+use std::path::Path;
+
 use bismar::Result;
+use image::RgbImage;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 use super::chart;
-use super::picture::{ColorScale, Picture};
+use super::picture::{ColorScale, data_uri, mapped};
 use super::table::{Table, scrolling};
+use crate::files;
 
 const CSS: &str = "
 :root{--bg:#fff;--ink:#1d232b;--soft:#5d6875;--rule:#e4e8ed;--card:#f6f8fa;--good:#00694c;--bad:#b03a00;--link:#0067a5}
@@ -56,6 +60,9 @@ const all=document.querySelectorAll('.scroll'),look=()=>all.forEach(s=>{const o=
 s.classList.toggle('over',o);s.tabIndex=o?0:-1});\
 addEventListener('resize',look);document.querySelectorAll('details').forEach(d=>d.addEventListener('toggle',look));look()";
 
+/// A chart by the name of its file, with its caption.
+pub type Figure = (String, Markup, &'static str);
+
 /// A page under way.
 #[derive(Debug)]
 pub struct Page {
@@ -63,12 +70,15 @@ pub struct Page {
     lead: String,
     links: Vec<(String, String)>,
     content: String,
+    /// Its charts, by the names of their files.
+    charts: Vec<(String, Markup)>,
 }
 
 impl Page {
     /// A page with a title and a sentence or two that say what it is.
     pub fn new(title: &str, lead: &str) -> Self {
-        Self { title: title.to_owned(), lead: lead.to_owned(), links: Vec::new(), content: String::new() }
+        let (title, lead) = (title.to_owned(), lead.to_owned());
+        Self { title, lead, links: Vec::new(), content: String::new(), charts: Vec::new() }
     }
 
     pub fn add(&mut self, piece: Markup) {
@@ -102,8 +112,19 @@ impl Page {
     }
 
     /// A chart over the text's whole width.
-    pub fn wide(&mut self, svg: Markup, caption: &str) {
-        self.add(figure("full", scrolling("chart", svg), caption));
+    pub fn wide(&mut self, (name, svg, caption): Figure) {
+        self.add(figure("full", scrolling("chart", svg.clone()), caption));
+        self.charts.push((name, svg));
+    }
+
+    /// Charts side by side.
+    pub fn charts(&mut self, charts: impl IntoIterator<Item = Figure>) {
+        let mut figures = Vec::new();
+        for (name, svg, caption) in charts {
+            figures.push(figure("wide", scrolling("chart", svg.clone()), caption));
+            self.charts.push((name, svg));
+        }
+        self.row(figures);
     }
 
     /// Parts that only some readers want.
@@ -114,7 +135,19 @@ impl Page {
         self.add(html! { details { summary { (marked(summary)) } (inside) } });
     }
 
-    pub fn finish(self) -> String {
+    /// Writes `report.html`, and `charts/NAME.svg` for each chart.
+    pub fn write(&self, folder: &Path) -> Result<()> {
+        let svgs = folder.join("charts");
+        if !self.charts.is_empty() {
+            files::folder(&svgs)?;
+        }
+        for (name, svg) in &self.charts {
+            files::write(&svgs.join(format!("{name}.svg")), chart::standalone(svg))?;
+        }
+        files::write(&folder.join("report.html"), self.html())
+    }
+
+    fn html(&self) -> String {
         let page = html! {
             (DOCTYPE)
             html lang="en" {
@@ -128,7 +161,7 @@ impl Page {
                     h1 { (self.title) }
                     p.lead { (marked(&self.lead)) }
                     nav { @for (id, title) in &self.links { a href={ "#" (id) } { (title) } } }
-                    (PreEscaped(self.content))
+                    (PreEscaped(&self.content))
                     script { (PreEscaped(SCRIPT)) }
                 }
             }
@@ -149,47 +182,43 @@ fn figure(class: &str, content: Markup, caption: &str) -> Markup {
     html! { figure class=(class) { (content) @if !caption.is_empty() { figcaption { (marked(caption)) } } } }
 }
 
-/// A box that scrolls, also by keys, if its content is wider than the page.
-pub fn chart_figure(svg: Markup, caption: &str) -> Markup {
-    figure("wide", scrolling("chart", svg), caption)
+/// A picture with a caption, for a row, of a class of the style: `pic`, or `crop` for a small one.
+pub fn picture_figure(class: &str, picture: &RgbImage, caption: &str) -> Markup {
+    figure(class, image(picture, caption), caption)
 }
 
-pub fn picture_figure(picture: &Picture, caption: &str) -> Result<Markup> {
-    Ok(figure("pic", image(picture, caption)?, caption))
-}
-
-/// A small picture with a caption, for a row.
-pub fn crop_figure(picture: &Picture, caption: &str) -> Result<Markup> {
-    Ok(figure("crop", image(picture, caption)?, caption))
-}
-
-/// A picture in false colours with what they mean: words at the low end, in the middle and at the high end.
-pub fn map_figure(picture: &Picture, scale: ColorScale, words: [&str; 3], caption: &str) -> Result<Markup> {
+/// A value a pixel in false colours with what they mean: words at the low end, in the middle and at the high end.
+pub fn map_figure(
+    size: [u32; 2],
+    (scale, words): (ColorScale, [&str; 3]),
+    values: impl Iterator<Item = f64>,
+    caption: &str,
+) -> Markup {
     let content = html! {
-        (image(picture, caption)?)
+        (image(&mapped(size, scale, values), caption))
         div.legend style={ "background:" (scale.gradient()) } {}
         div.ends { @for word in words { span { (word) } } }
     };
-    Ok(figure("pic", content, caption))
+    figure("pic", content, caption)
 }
 
-fn image(picture: &Picture, alt: &str) -> Result<Markup> {
-    let (w, h) = (picture.width, picture.height);
-    Ok(html! { img src=(picture.data_uri()?) width=(w) height=(h) style="height:auto" alt=(alt); })
+fn image(picture: &RgbImage, alt: &str) -> Markup {
+    let (w, h) = picture.dimensions();
+    html! { img src=(data_uri(picture)) width=(w) height=(h) style="height:auto" alt=(alt); }
 }
 
 /// Two pictures of the same view, the right one over the left one up to where the reader pulls it.
-pub fn slider(left: (&Picture, &str), right: (&Picture, &str), caption: &str) -> Result<Markup> {
+pub fn slider(left: (&RgbImage, &str), right: (&RgbImage, &str), caption: &str) -> Markup {
     let content = html! {
         div.slider {
-            img src=(left.0.data_uri()?) alt=(left.1);
-            img src=(right.0.data_uri()?) alt=(right.1);
+            img src=(data_uri(left.0)) alt=(left.1);
+            img src=(data_uri(right.0)) alt=(right.1);
             span.l { (left.1) }
             span.r { (right.1) }
             input type="range" min="0" max="100" step="1" value="50" aria-label={ (left.1) " against " (right.1) };
         }
     };
-    Ok(figure("wide", content, caption))
+    figure("wide", content, caption)
 }
 
 #[cfg(test)]
@@ -201,13 +230,10 @@ mod tests {
         let mut page = Page::new("a < b", "with `code` & more");
         page.section("One <two>");
         page.text("x");
-        let picture = Picture::new(1, 1, std::iter::once([1.0, 0.0, 0.0]));
-        page.row([
-            picture_figure(&picture, "\"quoted\"").unwrap(),
-            slider((&picture, "l"), (&picture, "r"), "").unwrap(),
-        ]);
+        let picture = RgbImage::new(1, 1);
+        page.row([picture_figure("pic", &picture, "\"quoted\""), slider((&picture, "l"), (&picture, "r"), "")]);
         page.details("more", |page| page.text("inside"));
-        let html = page.finish();
+        let html = page.html();
         assert!(html.contains("<h1>a &lt; b</h1>") && html.contains("<code>code</code> &amp; more"));
         assert!(html.contains(r##"<h2 id="s1">One &lt;two&gt;</h2>"##) && html.contains(r##"<a href="#s1">"##));
         for outside in ["http://", "https://", "src=\"/", "url(", "<link"] {

@@ -103,17 +103,18 @@ impl Table {
         Columns { of, table: Self { columns: Vec::new(), rows: vec![Vec::new(); of.len()] } }
     }
 
-    /// The named fields of rows as files have them, each with its standard error where there is a field `NAME_se`. The number
-    /// says whether a ratio is good below 1 (-1) or above it (1).
-    pub fn of_fields<R: Serialize>(rows: &[R], fields: &[(&str, i8)]) -> Self {
-        let cell = |row: &Value, (field, good): (&str, i8)| -> Cell {
-            let value = &row[field];
-            let tone = |x, error| match good {
-                0 => Tone::Plain,
-                good if good < 0 => Tone::below_one(x, error),
-                _ => Tone::above_one(x, error),
+    /// The named fields of rows as files have them, each with its standard error where there is a field `NAME_se`. `NAME<1`
+    /// is a ratio that is good below 1, `NAME>1` one that is good above it.
+    pub fn of_fields<R: Serialize>(rows: &[R], fields: &str) -> Self {
+        let fields = fields.split_whitespace().map(|field| (field, field.split(['<', '>']).next().unwrap_or(field)));
+        let cell = |row: &Value, (field, name): (&str, &str)| -> Cell {
+            let value = &row[name];
+            let tone = |x, error| match &field[name.len()..] {
+                "<1" => Tone::below_one(x, error),
+                ">1" => Tone::above_one(x, error),
+                _ => Tone::Plain,
             };
-            match (value.as_f64(), row[format!("{field}_se")].as_f64()) {
+            match (value.as_f64(), row[format!("{name}_se")].as_f64()) {
                 (Some(x), Some(error)) => (with_error(x, error), tone(x, error)).into(),
                 (Some(x), None) if !value.is_u64() => x.into(),
                 _ => value.as_str().map_or_else(|| value.to_string().replace("null", ""), str::to_owned).into(),
@@ -121,8 +122,8 @@ impl Table {
         };
         let values = rows.iter().map(|row| serde_json::to_value(row).unwrap_or_default());
         Self {
-            columns: fields.iter().map(|(field, _)| (field.replace('_', " "), String::new())).collect(),
-            rows: values.map(|row| fields.iter().map(|field| cell(&row, *field)).collect()).collect(),
+            columns: fields.clone().map(|(_, name)| (name.replace('_', " "), String::new())).collect(),
+            rows: values.map(|row| fields.clone().map(|field| cell(&row, field)).collect()).collect(),
         }
     }
 
@@ -211,6 +212,7 @@ impl<'a, R> Columns<'a, R> {
     }
 }
 
+/// A box that scrolls, also by keys, if its content is wider than the page.
 pub(super) fn scrolling(what: &str, content: Markup) -> Markup {
     html! {
         div.scroll tabindex="0" role="region" aria-label=(what) { (content) }

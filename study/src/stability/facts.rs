@@ -7,7 +7,7 @@ use glam::Vec3;
 use serde::Serialize;
 
 use super::domain::Image;
-use super::simulate::{EQUAL_COST, Subject};
+use super::simulate::EQUAL_COST;
 
 /// A check of the share, and its result for every estimator that adapts.
 #[derive(Debug, Clone, Serialize)]
@@ -27,11 +27,13 @@ const PILOT: u32 = 16;
 
 /// The share after samples (Y, r), alternately light and BSDF samples. For estimators that use neighbours, one neighbouring
 /// pixel has these samples and all others have `others`.
-fn share(subject: Subject, samples: &[(f32, f32)], others: &[(f32, f32)]) -> f32 {
+fn share(balance: Balance, samples: &[(f32, f32)], others: &[(f32, f32)]) -> f32 {
     let mut moments = Moments::default();
     samples.iter().for_each(|&(y, r)| moments.add(y * y, r, y));
-    if let Some(own) = subject.share(&moments) {
-        return own;
+    match balance {
+        Balance::SecondOrder => return moments.second_order(),
+        Balance::Kl => return moments.kl_linear(),
+        _ => {}
     }
     let image = Image::flat(&super::domain::Domain::grey([(0.0, 0.5, 0.5)]));
     let mut contributions = Vec::new();
@@ -52,7 +54,7 @@ fn share(subject: Subject, samples: &[(f32, f32)], others: &[(f32, f32)]) -> f32
         }
     }
     let pixel = image.width + 1;
-    if subject == Subject::Method(Balance::EfficiencyAware) {
+    if balance == Balance::EfficiencyAware {
         return efficiency_aware::light_shares(&contributions, image.pixels.len(), image.width, EQUAL_COST)[pixel];
     }
     let candidates = Candidates::light_and_bsdf(Caution::DIRECT);
@@ -75,18 +77,18 @@ pub fn facts() -> Vec<Fact> {
     };
     let broken = replaced([(f32::NAN, 0.1), (f32::INFINITY, 0.2), (1.0, f32::NAN)]);
     let without = replaced([(0.0, 0.9); 3]);
-    let learners = || Subject::shown().into_iter().filter(|s| s.learns());
-    let fact = |mode, shown, right, [samples, others]: [&[(f32, f32)]; 2], holds: &dyn Fn(Subject, f32) -> bool| {
-        let answer = |s: Subject| {
+    let learners = || Balance::all().iter().copied().filter(|balance| balance.method().learns());
+    let fact = |mode, shown, right, [samples, others]: [&[(f32, f32)]; 2], holds: &dyn Fn(Balance, f32) -> bool| {
+        let answer = |s: Balance| {
             let share = share(s, samples, others);
-            (s.name(), share, (0.0..=1.0).contains(&share) && holds(s, share))
+            (s.name().to_owned(), share, (0.0..=1.0).contains(&share) && holds(s, share))
         };
         Fact { mode, shown, right, answers: learners().map(answer).collect() }
     };
-    let as_after = |samples: &[(f32, f32)], s: Subject, found: f32| {
+    let as_after = |samples: &[(f32, f32)], s: Balance, found: f32| {
         (found - share(s, samples, samples)).abs() <= 1e-6 || found == 0.5
     };
-    let as_plain = |s: Subject, found: f32| as_after(&plain, s, found);
+    let as_plain = |s: Balance, found: f32| as_after(&plain, s, found);
     vec![
         fact("–", "good samples: those of light vary", "above 1/2", [&plain; 2], &|_, s| s > 0.5),
         fact("F1", "light only at r = 0.1", "in [0, 1]", [&[(1.0, 0.1); 32]; 2], &|_, _| true),

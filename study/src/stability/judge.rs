@@ -63,25 +63,6 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    /// From tests of the mean, ratios of variances, and each pixel's shares.
-    pub fn new(estimator: String, finite: bool, tests: &Tests, bias: f64, ratios: &Ratios, shares: &[Sums]) -> Self {
-        let mean = |of: fn(&Sums) -> f64| mean_of(shares.iter().map(of));
-        Self {
-            estimator,
-            finite,
-            z: tests.z,
-            tests: tests.n,
-            bias,
-            mean_ratio: ratios.all.mean(),
-            worst_ratio: ratios.worst.0,
-            worst_se: ratios.worst.1,
-            excess: ratios.excess,
-            share: mean(Sums::mean),
-            share_sd: mean(Sums::variance).sqrt(),
-            guided_fraction: None,
-        }
-    }
-
     /// Judges by the mode's bar and the limit of |z| of all tests.
     pub fn verdict(&self, bar: f64, limit: f64) -> Verdict {
         match () {
@@ -98,31 +79,44 @@ fn with_tolerance(bar: f64) -> f64 {
     bar * (1.0 + 1e-6)
 }
 
-/// Variance ratios to `half`, pixel by pixel and channel by channel.
+/// An estimator in one mode under test: its means, and its variances over those of `half`.
 #[derive(Debug)]
-pub struct Ratios {
+pub struct Trial {
     bar: f64,
-    all: Sums,
+    /// The largest |z| of the tests of means, and their number.
+    z: f64,
+    tests: usize,
+    /// Variance ratios, pixel by pixel and channel by channel.
+    ratios: Sums,
     /// The largest and its standard error.
     worst: (f64, f64),
     /// The largest excess over the bar, in standard errors.
     excess: f64,
 }
 
-impl Ratios {
-    /// No ratios, with a mode's bar.
+impl Trial {
+    /// No tests and ratios, with a mode's bar.
     pub fn new(bar: f64) -> Self {
-        Self { bar, all: Sums::default(), worst: (0.0, 0.0), excess: 0.0 }
+        Self { bar, z: 0.0, tests: 0, ratios: Sums::default(), worst: (0.0, 0.0), excess: 0.0 }
+    }
+
+    /// Tests a mean's deviation from the truth, which should be zero, by its standard error.
+    pub fn test(&mut self, off: f64, error: f64, truth: f64) {
+        // Weights are f32.
+        let error = error.hypot(4.0 * f64::from(f32::EPSILON) * truth);
+        let own = if off == 0.0 { 0.0 } else { off.abs() / error };
+        self.z = if own.is_nan() { own } else { self.z.max(own) };
+        self.tests += 1;
     }
 
     /// Adds the ratio of two variances, of which those up to `nothing` are rounding, with its standard error.
-    pub fn add(&mut self, own: f64, base: f64, nothing: f64, error: impl FnOnce() -> f64) {
+    pub fn ratio(&mut self, own: f64, base: f64, nothing: f64, error: impl FnOnce() -> f64) {
         let (ratio, error) = match base > nothing {
             true => (own / base, error()),
             false if own <= nothing => (1.0, 0.0),
             false => (f64::INFINITY, 0.0),
         };
-        self.all.add(ratio);
+        self.ratios.add(ratio);
         if ratio > self.worst.0 {
             self.worst = (ratio, error);
         }
@@ -131,21 +125,24 @@ impl Ratios {
             self.excess = self.excess.max(beyond / error);
         }
     }
-}
 
-/// z-tests of an estimator: the largest |z|, and their number.
-#[derive(Debug, Default)]
-pub struct Tests {
-    z: f64,
-    n: usize,
-}
-
-impl Tests {
-    /// Tests a deviation that should be zero, by its standard error.
-    pub fn add(&mut self, off: f64, error: f64) {
-        let own = if off == 0.0 { 0.0 } else { off.abs() / error };
-        self.z = if own.is_nan() { own } else { self.z.max(own) };
-        self.n += 1;
+    /// Ends, given the picture's relative bias and each pixel's shares.
+    pub fn outcome(self, estimator: String, finite: bool, bias: f64, shares: &[Sums]) -> Outcome {
+        let mean = |of: fn(&Sums) -> f64| mean_of(shares.iter().map(of));
+        Outcome {
+            estimator,
+            finite,
+            z: self.z,
+            tests: self.tests,
+            bias,
+            mean_ratio: self.ratios.mean(),
+            worst_ratio: self.worst.0,
+            worst_se: self.worst.1,
+            excess: self.excess,
+            share: mean(Sums::mean),
+            share_sd: mean(Sums::variance).sqrt(),
+            guided_fraction: None,
+        }
     }
 }
 
@@ -204,25 +201,23 @@ impl Tally {
 
     /// Compares with the exact variances of `half` (by pixel and channel) and the mode's bar.
     pub fn outcome(&self, estimator: String, half: &[[f64; 3]], bar: f64) -> Outcome {
-        let (mut tests, mut ratios) = (Tests::default(), Ratios::new(bar));
+        let mut trial = Trial::new(bar);
         let truth: [f64; 3] = std::array::from_fn(|c| mean_of(self.truth.iter().map(|t| t[c])));
-        // Weights are f32.
-        let mut test =
-            |sums: &Sums, truth: f64| tests.add(sums.mean(), sums.error().hypot(4.0 * f64::from(f32::EPSILON) * truth));
         for (i, half) in half.iter().enumerate() {
             for (c, &base) in half.iter().enumerate() {
-                test(&self.estimate[i][c], self.truth[i][c]);
+                let estimate = &self.estimate[i][c];
+                trial.test(estimate.mean(), estimate.error(), self.truth[i][c]);
                 let own = self.variance[i][c];
                 // Rounding: a relative error of 1e-7.
                 let nothing = 1e-14 * self.truth[i][c].powi(2);
-                ratios.add(own.mean(), base, nothing, || own.error() / base);
+                trial.ratio(own.mean(), base, nothing, || own.error() / base);
             }
         }
-        (0..3).for_each(|c| test(&self.picture[c], truth[c]));
+        self.picture.iter().zip(truth).for_each(|(sums, truth)| trial.test(sums.mean(), sums.error(), truth));
         let total: f64 = truth.iter().sum();
         let off: f64 = self.picture.iter().map(Sums::mean).sum();
         let bias = if total > 0.0 { off / total } else { off };
-        Outcome::new(estimator, self.finite, &tests, bias, &ratios, &self.share)
+        trial.outcome(estimator, self.finite, bias, &self.share)
     }
 }
 

@@ -20,7 +20,7 @@ pub mod tables;
 use std::sync::atomic::AtomicBool;
 
 use bismar::Result;
-use bismar::balance::{Balance, Counts, Heuristic};
+use bismar::balance::{Balance, Counts, Heuristic, Method};
 use bismar::sampling::SplitMix64;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -29,7 +29,7 @@ use cases::Case;
 use facts::Fact;
 use judge::{Control, Outcome, Tally, Verdict, z_limit};
 use scenes::{Estimator, SceneCase};
-use simulate::{Subject, replica};
+use simulate::{Biased, Unsafe, replica};
 
 /// A failure mode and the results of the estimators in it.
 #[derive(Debug, Clone, Serialize)]
@@ -78,11 +78,15 @@ pub struct Results {
 }
 
 impl Results {
-    /// Results of modes, with `more` tests outside of them.
-    fn new(replicas: u32, modes: Vec<ModeResult>, more: usize) -> Self {
+    /// Results of modes, and of controls with `more` tests that are not among those of the modes.
+    fn new(replicas: u32, modes: Vec<ModeResult>, mut controls: Vec<Control>, more: usize) -> Self {
         let tests = modes.iter().flat_map(|m| &m.outcomes).map(|o| o.tests).sum::<usize>() + more;
         let (z_limit, false_alarm) = (z_limit(tests), judge::FALSE_ALARM);
-        Self { replicas, z_limit, tests, false_alarm, modes, facts: Vec::new(), controls: Vec::new() }
+        for control in &mut controls {
+            let verdict = control.outcome.verdict(cases::BAR, z_limit);
+            control.caught = verdict == if control.check.starts_with('z') { Verdict::Wrong } else { Verdict::Fails };
+        }
+        Self { replicas, z_limit, tests, false_alarm, modes, facts: Vec::new(), controls }
     }
 
     /// Judges an estimator in a mode.
@@ -93,11 +97,6 @@ impl Results {
     /// Names of the estimators.
     fn estimators(&self) -> impl Iterator<Item = &String> {
         self.modes.iter().take(1).flat_map(|mode| &mode.outcomes).map(|outcome| &outcome.estimator)
-    }
-
-    /// Whether every control is caught.
-    pub fn controls_caught(&self) -> bool {
-        self.controls.iter().all(|c| c.caught)
     }
 
     /// Estimators with a wrong mean or a value that is not finite, each with the mode.
@@ -125,10 +124,10 @@ impl Found {
     }
 }
 
-/// Number of steps of [`measure`].
-pub fn steps(scenes: bool) -> usize {
-    let exact = cases::cases().len() * Subject::shown().len() + 2;
-    exact + if scenes { scenes::SCENES * (Balance::all().len() + 1) } else { 0 }
+/// Number of steps of [`measure`] with scenes.
+pub fn steps() -> usize {
+    let balances = Balance::all().len();
+    cases::cases().len() * balances + 2 + scenes::SCENES * (balances + 1)
 }
 
 /// Measures all exact cases with `replicas` ≥ 2, and all scenes with `scene_replicas` ≥ 2 unless that is `None`. Calls `done`
@@ -142,8 +141,8 @@ pub fn measure(
     let mut modes = Vec::new();
     for case in cases::cases() {
         let mut outcomes = Vec::new();
-        for subject in Subject::shown() {
-            outcomes.push(exact(&case, subject, replicas));
+        for balance in Balance::all() {
+            outcomes.push(exact(&case, balance.method(), replicas));
             done()?;
         }
         let best = case.image.pixels.iter().map(|d| d.best(case.paths)).sum::<f64>() / case.image.pixels.len() as f64;
@@ -158,22 +157,18 @@ pub fn measure(
         }
     }
     modes.sort_by_key(|m| m.mode[1..].parse::<u32>().unwrap_or(u32::MAX));
-    let (biased, unsafe_case) = (cases::biased_control(), cases::unsafe_control());
-    let biased_outcome = exact(&biased, Subject::Biased, replicas);
-    done()?;
-    let unsafe_outcome = exact(&unsafe_case, Subject::Unsafe, replicas);
-    done()?;
-    let mut results = Results::new(replicas, modes, biased_outcome.tests + unsafe_outcome.tests);
-    let control =
-        |Case { mode, name, .. }: Case, check, caught, outcome| Control { mode, name, check, outcome, caught };
-    let biased_caught = biased_outcome.z > results.z_limit;
-    let unsafe_caught = unsafe_outcome.verdict(unsafe_case.bar, results.z_limit) == Verdict::Fails;
-    results.controls = vec![
-        control(biased, "z-test of the mean", biased_caught, biased_outcome),
-        control(unsafe_case, "worst pixel's variance", unsafe_caught, unsafe_outcome),
+    let wrong: [(Case, &dyn Method, _); 2] = [
+        (cases::biased_control(), &Biased, "z-test of the mean"),
+        (cases::unsafe_control(), &Unsafe, "worst pixel's variance"),
     ];
-    results.facts = facts::facts();
-    Ok(results)
+    let mut controls = Vec::new();
+    for (case, method, check) in wrong {
+        let outcome = exact(&case, method, replicas);
+        controls.push(Control { mode: case.mode, name: case.name, check, outcome, caught: false });
+        done()?;
+    }
+    let tests = controls.iter().map(|control| control.outcome.tests).sum();
+    Ok(Results { facts: facts::facts(), ..Results::new(replicas, modes, controls, tests) })
 }
 
 /// Measures a scene, as [`SceneCase::outcomes`].
@@ -204,7 +199,7 @@ fn of_renders(
 const REPLICAS_PER_TASK: u32 = 250;
 
 /// Simulates one estimator on one exact case.
-fn exact(case: &Case, subject: Subject, replicas: u32) -> Outcome {
+fn exact(case: &Case, method: &dyn Method, replicas: u32) -> Outcome {
     let truth: Vec<_> = case.image.pixels.iter().map(|d| d.total()).collect();
     let half: Vec<_> =
         case.image.pixels.iter().map(|d| d.variance(Heuristic::Balance, Counts::half(case.paths))).collect();
@@ -216,11 +211,11 @@ fn exact(case: &Case, subject: Subject, replicas: u32) -> Outcome {
             for r in start..(start + REPLICAS_PER_TASK).min(replicas) {
                 // Mixed seeds: consecutive states would make overlapping streams.
                 let mut random = SplitMix64(SplitMix64(u64::from(r)).bits());
-                tally.add(&replica(&case.image, subject, case.paths, &mut random));
+                tally.add(&replica(&case.image, method, case.paths, &mut random));
             }
             tally
         })
         .collect();
     let none = Tally::new(&truth);
-    tallies.iter().fold(none, |sum, tally| sum.join(tally)).outcome(subject.name(), &half, case.bar)
+    tallies.iter().fold(none, |sum, tally| sum.join(tally)).outcome(method.name().to_owned(), &half, case.bar)
 }

@@ -164,5 +164,5 @@ pub fn write(folder: &Path, found: &Found) -> Result<()> {
 
     files::write_json(&folder.join("stability.json"), &document)?;
     files::write(&folder.join("stability.md"), markdown(found))?;
-    files::write(&folder.join("report.html"), page.finish())
+    page.write(folder)
 }

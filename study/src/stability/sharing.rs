@@ -71,5 +71,5 @@ pub fn measure(replicas: u32, stop: &AtomicBool, done: &mut dyn FnMut() -> Resul
     for case in cases()? {
         modes.push(rendered(&case, &estimators(), replicas, stop, done)?);
     }
-    Ok(Results::new(replicas, modes, 0))
+    Ok(Results::new(replicas, modes, Vec::new(), 0))
 }

@@ -5,57 +5,15 @@ use bismar::balance::PixelFeatures;
 use bismar::balance::method::{pass_within_goal, take_pass};
 use bismar::balance::sampler::LightInfo;
 use bismar::balance::{
-    Balance, Contribution, Cost, Counts, Heuristic, LearnedPixels, Method, Moments, Observer, Sampler, Shares,
-    Technique,
+    Contribution, Cost, Counts, Heuristic, LearnedPixels, Method, Moments, Observer, Sampler, Shares, Technique,
 };
 use bismar::sampling::SplitMix64;
 use glam::Vec3;
 
 use super::domain::{Atom, Image};
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Subject {
-    /// A method of `--balance`.
-    Method(Balance),
-    /// Positive control of unbiasedness: a pixel's own pilot is reweighted by a share that was estimated from it.
-    Biased,
-    /// Positive control of safety: after a pilot of a quarter, the share that minimises the second moment of the pixel's
-    /// own samples, without pseudo-observations.
-    Unsafe,
-}
-
-impl Subject {
-    pub fn shown() -> Vec<Self> {
-        Balance::all().iter().map(|&b| Self::Method(b)).collect()
-    }
-
-    pub fn learns(self) -> bool {
-        self.method().learns()
-    }
-
-    /// The share for a pixel's next pass from what it has itself seen; `None` where that decides nothing.
-    pub fn share(self, seen: &Moments) -> Option<f32> {
-        match self {
-            Subject::Method(Balance::SecondOrder) => Some(seen.second_order()),
-            Subject::Method(Balance::Kl) => Some(seen.kl_linear()),
-            _ => None,
-        }
-    }
-
-    pub fn name(self) -> String {
-        self.method().name().to_owned()
-    }
-
-    fn method(self) -> &'static dyn Method {
-        match self {
-            Subject::Method(balance) => balance.method(),
-            Subject::Biased => &Biased,
-            Subject::Unsafe => &Unsafe,
-        }
-    }
-}
-
-struct Biased;
+/// Positive control of unbiasedness: a pixel's own pilot is reweighted by a share that was estimated from it.
+pub struct Biased;
 
 impl Method for Biased {
     fn name(&self) -> &'static str {
@@ -85,7 +43,9 @@ impl Method for Biased {
     }
 }
 
-struct Unsafe;
+/// Positive control of safety: after a pilot of a quarter, the share that minimises the second moment of the pixel's own
+/// samples, without pseudo-observations.
+pub struct Unsafe;
 
 impl Method for Unsafe {
     fn name(&self) -> &'static str {
@@ -128,9 +88,8 @@ pub struct Shot {
 }
 
 /// One picture of `paths` paths a pixel.
-pub fn replica(image: &Image, subject: Subject, paths: u32, random: &mut SplitMix64) -> Vec<Shot> {
+pub fn replica(image: &Image, method: &dyn Method, paths: u32, random: &mut SplitMix64) -> Vec<Shot> {
     let n = image.pixels.len();
-    let method = subject.method();
     let mut exact =
         Exact { image, heuristic: method.heuristic(), random, sums: vec![Default::default(); n], pilot: vec![] };
     let mut shares = vec![Shares { light_share: 0.5, environment_share: None }; n];

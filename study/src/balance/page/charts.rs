@@ -1,9 +1,11 @@
 //! Charts of one scene and of all scenes.
 
+use maud::Markup;
+
 use crate::balance::scene_results::SceneResults;
 use crate::balance::table::{Level, Outcome, Row};
 use crate::balance::{CONTROL, Design, HALF};
-use crate::report::{Axis, Chart, Dot, DotPlot, Scale, Series};
+use crate::report::{Axis, Chart, Dot, Figure, Scale, Series, dot_plot};
 
 /// The same colour for an estimator everywhere: grey for `half` and its control.
 fn color(name: &str) -> usize {
@@ -24,27 +26,26 @@ fn others(level: &Level) -> impl Iterator<Item = &Outcome> {
     level.results.iter().filter(|o| o.estimator.is_some_and(|e| e != HALF))
 }
 
-pub(super) fn overview(design: &Design, scenes: &[SceneResults]) -> Option<DotPlot> {
+pub(super) fn overview(design: &Design, scenes: &[SceneResults]) -> Option<Markup> {
     let kinds = others(scenes.first()?.top()?).map(|o| o.row.estimator.clone()).collect::<Vec<_>>();
     let kind = |row: &Row| kinds.iter().position(|k| *k == row.estimator);
     let dots = |scene: &SceneResults| {
         let outcomes = scene.top().into_iter().flat_map(others);
         let dot = |o: &Outcome| Some(Dot { value: o.row.ratio, error: o.row.ratio_se, kind: kind(&o.row)? });
-        (scene.name.clone(), outcomes.filter_map(dot).collect())
+        (scene.name.clone(), outcomes.filter_map(dot).collect::<Vec<_>>())
     };
     let spp = design.spp.last().copied().unwrap_or(0);
-    Some(DotPlot::ratios(
+    Some(dot_plot(
         &format!("Variance over that of half, {spp} paths a pixel"),
         "variance ratio, mean over pixels; bars: two standard errors either way; left is better",
         "as half",
-        kinds.iter().map(|k| (k.clone(), color(k))).collect(),
-        scenes.iter().map(dots).collect(),
+        &kinds.iter().map(|k| (k.clone(), color(k))).collect::<Vec<_>>(),
+        &scenes.iter().map(dots).collect::<Vec<_>>(),
     ))
 }
 
-/// The charts of a scene with their file names.
-pub(super) fn scene_charts(scene: &SceneResults) -> Vec<(&'static str, Chart)> {
-    let Some(top) = scene.top() else { return Vec::new() };
+/// The charts of a scene.
+pub(super) fn scene_charts(scene: &SceneResults, top: &Level) -> [Figure; 3] {
     let named = || top.results.iter().filter(|o| o.estimator.is_some()).map(|o| o.row.estimator.clone());
     let lines = |x: fn(&Row) -> f64| {
         let line = |name: String| {
@@ -79,5 +80,12 @@ pub(super) fn scene_charts(scene: &SceneResults) -> Vec<(&'static str, Chart)> {
         dots: false,
         marks: vec![(1.0, "1".to_owned())],
     };
-    vec![("error-seconds", seconds), ("error-samples", samples), ("pixels", pixels)]
+    let bars = "Bars: two standard errors either way. Lines that coincide are drawn side by side.";
+    let noise = "Left of 1: less variance than `half` in that pixel. `half again` shows the scatter of noise alone.";
+    let figure = |name: &str, chart: Chart, caption| (format!("{}-{name}", scene.name), chart.svg(), caption);
+    [
+        figure("error-seconds", seconds, bars),
+        figure("error-samples", samples, "The same over samples."),
+        figure("pixels", pixels, noise),
+    ]
 }

@@ -1,27 +1,25 @@
 //! The page and charts of a study of whole pictures.
 
 use bismar::Result;
+use maud::Markup;
 
 use super::{Pictures, Row, SceneResults};
-use crate::balance::page::pictures::{SHARE, SHARE_WORDS, developed, exposure};
+use crate::balance::page::pictures::{SHARE, developed, exposure};
 use crate::balance::page::toned;
 use crate::balance::{Design, Estimator, HALF, table};
-use crate::report::page::{chart_figure, map_figure, picture_figure, slider};
-use crate::report::{self, Chart, ColorScale, Dot, DotPlot, Page, Picture, Scale, Series, Table, number};
+use crate::report::page::{map_figure, picture_figure, slider};
+use crate::report::picture::picture;
+use crate::report::{Chart, ColorScale, Dot, Figure, Page, Scale, Series, Table, dot_plot, number};
 use crate::statistics::mean_of;
 
 /// Side of the blocks whose errors are compared.
 const BLOCK: u32 = 8;
 /// Error over that of `half` in false colours.
-const RATIO: ColorScale = ColorScale::Ratio { factor: 8.0 };
-const RATIO_WORDS: [&str; 3] = ["⅛", "1: as half", "8"];
+const RATIO: (ColorScale, [&str; 3]) = (ColorScale::Ratio { factor: 8.0 }, ["⅛", "1: as half", "8"]);
 /// Writes `results.csv`, `results.json`, `report.html` and `charts/`.
 pub fn write(design: &Design, scenes: &[SceneResults]) -> Result<()> {
     table::write(design, &scenes.iter().flat_map(|s| s.rows.clone()).collect::<Vec<_>>())?;
-    let charts = |scene: &SceneResults| {
-        scene_charts(design, scene).map(|(name, chart)| (format!("{}-{name}", scene.name), chart))
-    };
-    report::write(&design.folder, page(design, scenes)?, Some(overview(design, scenes)), scenes.iter().flat_map(charts))
+    page(design, scenes).write(&design.folder)
 }
 
 /// All but `half`.
@@ -34,30 +32,31 @@ fn color(design: &Design, estimator: Estimator) -> usize {
     others(design).position(|e| e == estimator).map_or(0, |i| 1 + i % 6)
 }
 
-fn page(design: &Design, scenes: &[SceneResults]) -> Result<String> {
+fn page(design: &Design, scenes: &[SceneResults]) -> Page {
     let lead = format!(
         "Error against CPU seconds of every technique, including the cost of learning: {}",
         design.measured(scenes.len())
     );
     let mut page = Page::new("Error against time", &lead);
     page.section("Overview");
-    page.wide(
-        overview(design, scenes).svg(),
+    page.wide((
+        "overview".to_owned(),
+        overview(design, scenes),
         "Geometric mean over the numbers of paths. Left of 1: less error in the same time, or less time for the same error.",
-    );
+    ));
     page.heading("relMSE × CPU seconds over that of half");
     page.table(&scores(design, scenes, None));
     for spp in design.spp.iter().rev() {
         page.details(&format!("{spp} paths a pixel"), |page| page.table(&scores(design, scenes, Some(*spp))));
     }
     for scene in scenes {
-        scene_section(&mut page, design, scene)?;
+        scene_section(&mut page, design, scene);
     }
-    Ok(page.finish())
+    page
 }
 
-fn overview(design: &Design, scenes: &[SceneResults]) -> DotPlot {
-    let kinds = others(design).map(|e| (e.name(), color(design, e))).collect();
+fn overview(design: &Design, scenes: &[SceneResults]) -> Markup {
+    let kinds = others(design).map(|e| (e.name(), color(design, e))).collect::<Vec<_>>();
     let dots = |scene: &SceneResults| {
         let dot = |(kind, estimator)| {
             let (value, error) = scene.score(estimator);
@@ -65,9 +64,9 @@ fn overview(design: &Design, scenes: &[SceneResults]) -> DotPlot {
         };
         (scene.name.clone(), others(design).enumerate().map(dot).collect::<Vec<_>>())
     };
-    let rows = scenes.iter().map(dots).collect();
+    let rows = scenes.iter().map(dots).collect::<Vec<_>>();
     let label = "bars: two standard errors either way; left is better";
-    DotPlot::ratios("relMSE × CPU seconds over that of half", label, "as half", kinds, rows)
+    dot_plot("relMSE × CPU seconds over that of half", label, "as half", &kinds, &rows)
 }
 
 /// relMSE × CPU seconds over that of `half`, per scene and as geometric mean over scenes: at `spp` paths, or all numbers of
@@ -99,8 +98,7 @@ fn scores(design: &Design, scenes: &[SceneResults], spp: Option<u32>) -> Table {
     table
 }
 
-/// The charts of a scene, by the names of their files.
-fn scene_charts(design: &Design, scene: &SceneResults) -> [(&'static str, Chart); 2] {
+fn scene_charts(design: &Design, scene: &SceneResults) -> [Figure; 2] {
     let series = |estimator: Estimator, point: fn(&Row) -> (f64, f64), error: fn(&Row) -> f64| Series {
         name: estimator.name(),
         points: scene.of(estimator).map(point).collect(),
@@ -111,91 +109,78 @@ fn scene_charts(design: &Design, scene: &SceneResults) -> [(&'static str, Chart)
     let error = all.map(|e| series(e, |r| (r.cpu_seconds, r.rel_mse), |r| r.rel_mse_se)).collect();
     let product =
         others(design).map(|e| series(e, |r| (f64::from(r.spp), r.product_ratio), |r| r.product_ratio_se)).collect();
-    let log = [Scale::Log; 2];
+    let figure = |name: &str, title: &str, labels, series, caption| {
+        (format!("{}-{name}", scene.name), Chart::fitted(title, labels, [Scale::Log; 2], series).svg(), caption)
+    };
     let seconds = ["CPU seconds a picture, median", "relMSE, mean over replicas"];
+    let bars = "Bars: two standard errors either way. Lower and to the left is better.";
     let paths = ["paths a pixel", "relMSE × CPU seconds over that of half"];
+    let below = "Below 1: better than `half` with as many paths.";
     [
-        ("error-seconds", Chart::fitted("Error against time", seconds, log, error)),
-        ("score-samples", Chart::fitted("Error × time over that of half", paths, log, product)),
+        figure("error-seconds", "Error against time", seconds, error, bars),
+        figure("score-samples", "Error × time over that of half", paths, product, below),
     ]
 }
 
-fn scene_section(page: &mut Page, design: &Design, scene: &SceneResults) -> Result<()> {
-    page.section(&scene.name);
-    let captions = [
-        "Bars: two standard errors either way. Lower and to the left is better.",
-        "Below 1: better than `half` with as many paths.",
-    ];
-    let charts = scene_charts(design, scene).into_iter().zip(captions);
-    page.row(charts.map(|((_, chart), caption)| chart_figure(chart.svg(), caption)));
-    page.table(&rows(scene));
-    pictures(page, design, scene)
-}
+/// Columns of [`Row`].
+const COLUMNS: &str = "estimator paths_mean rel_mse cpu_seconds inverse_efficiency rel_mse_ratio<1 time_ratio<1 \
+                       product_ratio<1 guided guiding_variance guiding_seconds adaptive_left bias_z";
 
-fn rows(scene: &SceneResults) -> Table {
-    let ratios = ["rel_mse_ratio", "time_ratio", "product_ratio"].map(|field| (field, -1));
-    let plain = ["estimator", "paths_mean", "rel_mse", "cpu_seconds", "inverse_efficiency"].map(|field| (field, 0));
-    let more = ["guided", "guiding_variance", "guiding_seconds", "adaptive_left", "bias_z"].map(|field| (field, 0));
-    Table::of_fields(&scene.rows, &[&plain[..], &ratios, &more].concat())
+fn scene_section(page: &mut Page, design: &Design, scene: &SceneResults) {
+    page.section(&scene.name);
+    page.charts(scene_charts(design, scene));
+    page.table(&Table::of_fields(&scene.rows, COLUMNS));
+    pictures(page, design, scene);
 }
 
 /// Pictures of the scene, light shares, paths, and the error of each technique over that of `half`.
-fn pictures(page: &mut Page, design: &Design, scene: &SceneResults) -> Result<()> {
-    let (w, h) = (design.width, design.height);
+fn pictures(page: &mut Page, design: &Design, scene: &SceneResults) {
+    let size = [design.width, design.height];
     let reference = scene.reference.iter().map(|&x| x as f32).collect::<Vec<_>>();
     let ev = exposure(design.width, &reference);
-    let Some(half) = scene.pictures.iter().find(|p| p.estimator == HALF) else { return Ok(()) };
-    let mut pieces =
-        vec![picture_figure(&developed(w, h, &reference, ev), &format!("The reference, exposure {ev:+.1} EV."))?];
+    let Some(half) = scene.pictures.iter().find(|p| p.estimator == HALF) else { return };
+    let caption = format!("The reference, exposure {ev:+.1} EV.");
+    let mut pieces = vec![picture_figure("pic", &developed(size, &reference, ev), &caption)];
+    let varies = |values: &[f32]| values.iter().any(|x| *x != values[0]);
     for own in scene.pictures.iter().filter(|p| p.estimator != HALF) {
         let name = own.estimator.name();
-        if own.shares.iter().any(|s| *s != own.shares[0]) {
-            let shares = Picture::mapped(w, h, SHARE, own.shares.iter().map(|&s| f64::from(s)));
-            pieces.push(map_figure(&shares, SHARE, SHARE_WORDS, &format!("Share of light samples by `{name}`."))?);
+        if varies(&own.shares) {
+            let shares = own.shares.iter().map(|&s| f64::from(s));
+            pieces.push(map_figure(size, SHARE, shares, &format!("Share of light samples by `{name}`.")));
         }
-        if own.paths.iter().any(|n| *n != own.paths[0]) {
-            let [low, high] =
-                [f32::min, f32::max].map(|of| f64::from(own.paths.iter().copied().fold(own.paths[0], of)));
-            let scale = ColorScale::Amount { low, high };
+        if varies(&own.paths) {
+            let paths = own.paths.iter().map(|&n| f64::from(n));
+            let [low, high] = [f64::min, f64::max].map(|of| paths.clone().fold(f64::from(own.paths[0]), of));
             let words = [low, (low * high).sqrt(), high].map(number);
-            let paths = Picture::mapped(w, h, scale, own.paths.iter().map(|&n| f64::from(n)));
-            let caption = format!("Paths of each pixel by `{name}`.");
-            pieces.push(map_figure(&paths, scale, [&words[0], &words[1], &words[2]], &caption)?);
+            let legend = (ColorScale::Amount { low, high }, [&words[0][..], &words[1], &words[2]]);
+            pieces.push(map_figure(size, legend, paths, &format!("Paths of each pixel by `{name}`.")));
         }
-        if own.errors == half.errors {
-            continue;
+        if own.errors != half.errors {
+            let blocks = format!("blocks of {BLOCK}x{BLOCK} pixels, noise included");
+            let caption = format!("Squared error by `{name}` over that by `half`, {blocks}.");
+            pieces.push(map_figure(size, RATIO, error_ratios(own, half, design.width), &caption));
         }
-        let caption =
-            format!("Squared error by `{name}` over that by `half`, blocks of {BLOCK}x{BLOCK} pixels, noise included.");
-        pieces.push(map_figure(
-            &Picture::mapped(w, h, RATIO, error_ratios(own, half, w)),
-            RATIO,
-            RATIO_WORDS,
-            &caption,
-        )?);
     }
     if let Some(field) = &scene.field {
-        let shares = Picture::mapped(w, h, SHARE, field.shares.iter().copied());
-        let words = ["0: BSDF alone", "½", "1: field alone"];
+        let legend = (SHARE.0, ["0: BSDF alone", "½", "1: field alone"]);
         let caption = format!("Share of samples from the guiding field at the visible surface; {} cells.", field.cells);
-        pieces.push(map_figure(&shares, SHARE, words, &caption)?);
-        let directions = Picture::new(w, h, field.directions.iter().copied());
+        pieces.push(map_figure(size, legend, field.shares.iter().copied(), &caption));
         pieces.push(picture_figure(
-            &directions,
+            "pic",
+            &picture(size, field.directions.iter().copied()),
             "Mean direction of the guiding field: red toward +x, green up, blue toward +z, grey in all directions; black where it is not used.",
-        )?);
+        ));
     }
     page.row(pieces);
     let score = |p: &&Pictures| scene.score(p.estimator).0;
     let best = scene.pictures.iter().filter(|p| p.estimator != HALF).min_by(|a, b| score(a).total_cmp(&score(b)));
     if let (Some(best), Some(spp)) = (best, design.spp.first()) {
-        let [left, right] = [half, best].map(|p| developed(w, h, &p.example, ev));
+        let [left, right] = [half, best].map(|p| developed(size, &p.example, ev));
         let name = best.estimator.name();
         let caption =
             format!("{spp} paths a pixel. Pull the line: `half` on its left, `{name}`, the best, on its right.");
-        page.row([slider((&left, &format!("half, {spp} spp")), (&right, &format!("{name}, {spp} spp")), &caption)?]);
+        page.row([slider((&left, &format!("half, {spp} spp")), (&right, &format!("{name}, {spp} spp")), &caption)]);
     }
-    Ok(())
 }
 
 /// A technique's error over that of `half`, pixel by pixel the same in each block.

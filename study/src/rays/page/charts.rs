@@ -1,8 +1,10 @@
 //! Charts of a scene, and over all.
 
+use maud::Markup;
+
 use crate::rays::measure::CONTROL;
 use crate::rays::table::{BASELINE, Build, Picture, Results, Trace, distinct, scenes};
-use crate::report::{Chart, Dot, DotPlot, Scale, Series};
+use crate::report::{Chart, Dot, Figure, Scale, Series, dot_plot};
 
 /// Shown in charts, as many as there are colours, each with its own.
 const SHOWN: [(&str, usize); 8] = [
@@ -17,12 +19,10 @@ const SHOWN: [(&str, usize); 8] = [
 ];
 /// The stream that stands for all in charts.
 const STREAM: &str = "diffuse";
-/// Charts of the page's top, by the names of their files.
-type Charts = Vec<(String, Chart)>;
 
 /// Build and render against paths a pixel, over the baseline's: times themselves are in the tables, and would lie on each
 /// other.
-pub(super) fn picture(results: &Results, scene: &str) -> Chart {
+pub(super) fn picture(results: &Results, scene: &str) -> Markup {
     let rows = results.pictures.iter().filter(|p| p.scene == scene).collect::<Vec<_>>();
     let base = rows.iter().find(|r| r.backend == CONTROL);
     let seconds = |r: &Picture, spp: f64| r.build_cpu_seconds + spp * r.cpu_seconds_per_spp;
@@ -38,10 +38,10 @@ pub(super) fn picture(results: &Results, scene: &str) -> Chart {
     let title = format!("Time to a picture of {side:.0} x {side:.0}, less is faster");
     let mut chart = Chart::fitted(&title, labels, [Scale::Log; 2], rows.iter().filter_map(line).collect());
     chart.dots = false;
-    chart
+    chart.svg()
 }
 
-pub(super) fn overview(results: &Results) -> Option<DotPlot> {
+pub(super) fn overview(results: &Results) -> Option<Markup> {
     let scenes = scenes(results);
     let there = |name: &str| results.traces.iter().any(|t| t.backend == name);
     let mut kinds = vec![(CONTROL, 0)];
@@ -58,17 +58,17 @@ pub(super) fn overview(results: &Results) -> Option<DotPlot> {
     if rows.is_empty() {
         return None;
     }
-    Some(DotPlot::ratios(
+    Some(dot_plot(
         "Speed of diffuse bounces over that of embree, one thread",
         "speed ratio, median of rounds; bars: two standard errors either way; right is faster",
         "as embree",
-        kinds.iter().map(|(name, color)| ((*name).to_owned(), *color)).collect(),
-        rows,
+        &kinds.iter().map(|(name, color)| ((*name).to_owned(), *color)).collect::<Vec<_>>(),
+        &rows,
     ))
 }
 
 /// Build and trace over the number of triangles, for each kind of generated scene.
-pub(super) fn costs(results: &Results) -> Charts {
+pub(super) fn costs(results: &Results) -> Vec<Figure> {
     let mut charts = Vec::new();
     for shape in distinct(results.builds.iter().filter_map(|b| b.shape.as_deref())) {
         let lines = |of: &dyn Fn(&str) -> Vec<(f64, f64)>| {
@@ -95,12 +95,13 @@ pub(super) fn costs(results: &Results) -> Charts {
         if builds.is_empty() {
             continue;
         }
-        let log = [Scale::Log; 2];
-        let labels = ["triangles", "CPU time of a build over that of embree"];
-        charts.push((format!("cost-build-{shape}"), Chart::fitted(&format!("Building: {shape}"), labels, log, builds)));
+        let mut add = |what: &str, title: String, y_label: &str, lines| {
+            let chart = Chart::fitted(&title, ["triangles", y_label], [Scale::Log; 2], lines);
+            charts.push((format!("cost-{what}-{shape}"), chart.svg(), ""));
+        };
+        add("build", format!("Building: {shape}"), "CPU time of a build over that of embree", builds);
         let title = format!("Tracing diffuse bounces: {shape}");
-        let labels = ["triangles", "time of a ray over that with embree, one thread"];
-        charts.push((format!("cost-trace-{shape}"), Chart::fitted(&title, labels, log, traces)));
+        add("trace", title, "time of a ray over that with embree, one thread", traces);
     }
     charts
 }
