@@ -345,8 +345,7 @@ impl RenderedPicture {
                 (request.half, request.colorspace) = (half, colorspace);
                 let Self { inputs, loaded, identity, rendered, .. } = self;
                 let with_statistics = resumable || self.is_interrupted();
-                let writer =
-                    OutputWriter::new(&request, inputs, loaded, self.threads, &rendered.settings, identity, resumable)?;
+                let writer = OutputWriter::new(&request, inputs, loaded, self.threads, identity, resumable)?;
                 writer.write_final(rendered, with_statistics, Instant::now(), &AtomicBool::new(false)).map(drop)
             }
             Some(_) if preview::has_ending(path) => {
