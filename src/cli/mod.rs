@@ -85,8 +85,7 @@ pub fn run() -> ExitCode {
                 if !args.is_sequence() {
                     return render::run(&args, cli.verbosity);
                 }
-                let done = args.sequence().and_then(|sequence| batch::sequence(sequence, cli.verbosity));
-                done.inspect_err(|error| progress::failed(args.progress, error))
+                batch::sequence(&args, cli.verbosity).inspect_err(|error| progress::failed(args.progress, error))
             }
             Command::Inspect(args) => inspect::run(args),
             Command::Batch(args) => batch::run(args, cli.verbosity),

@@ -14,7 +14,7 @@ use clap::parser::ArgMatches;
 use clap::{Args, Command, FromArgMatches};
 use tracing::info;
 
-pub use args::{RenderArgs, Sequence};
+pub use args::RenderArgs;
 pub use flags::given;
 
 use super::flag_values::{Options, parse};

@@ -2,14 +2,14 @@
 
 use super::plan::plan;
 use super::work::Work;
-use crate::cli::render::Sequence;
+use crate::cli::render::RenderArgs;
 use crate::console::{Verbosity, Verdict};
 use crate::film::atomic;
 use crate::{Error, Result};
 
 /// Renders the pictures.
-pub fn run(sequence: Sequence, verbosity: Verbosity) -> Result<Verdict> {
-    let Sequence { job, folders, threads, style, signals_from_parent } = sequence;
+pub fn run(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
+    let (job, folders) = args.sequence()?;
     atomic::confine(&folders);
     let file = job.scene.display().to_string();
     // There is no batch file that could be wrong.
@@ -22,9 +22,9 @@ pub fn run(sequence: Sequence, verbosity: Verbosity) -> Result<Verdict> {
         order: jobs.iter().map(|j| j.job.name.clone()).collect(),
         folders,
         at_once: 1,
-        threads,
-        style,
-        signals_from_parent,
+        threads: args.threads,
+        style: args.progress,
+        signals_from_parent: args.signals_from_parent,
         ..Work::default()
     };
     work.run(jobs, paths, verbosity)

@@ -338,6 +338,9 @@ pub struct RenderArgs {
     pub given: Option<Vec<(String, Option<String>)>>,
 }
 
+/// Flags that a sequence handles itself and does not pass to its jobs.
+const NOT_FOR_JOBS: [&str; 6] = ["resume", "progress", "threads", "path-mapping", "led", "output"];
+
 impl RenderArgs {
     /// Whether the command renders many pictures: frames or views.
     pub fn is_sequence(&self) -> bool {
@@ -613,26 +616,7 @@ impl RenderArgs {
         }
         Ok(())
     }
-}
 
-/// A command that renders many pictures.
-pub struct Sequence {
-    /// All of them as one job.
-    pub job: Job,
-    /// Folders below which they are written.
-    pub folders: Vec<PathBuf>,
-    /// Number of threads.
-    pub threads: Option<usize>,
-    /// Progress display.
-    pub style: Style,
-    /// Whether the parent process announces signals.
-    pub signals_from_parent: bool,
-}
-
-/// Flags that the sequence handles itself and does not pass to its jobs.
-const NOT_FOR_JOBS: [&str; 6] = ["resume", "progress", "threads", "path-mapping", "led", "output"];
-
-impl RenderArgs {
     /// The flags that were given, without dashes, with their values.
     ///
     /// # Errors
@@ -641,11 +625,11 @@ impl RenderArgs {
         self.given.clone().ok_or_else(|| Error::Usage("the value of a flag is not UTF-8".into()))
     }
 
-    /// The command as a sequence.
+    /// A command that renders many pictures, as one job, and the folders below which they are written.
     ///
     /// # Errors
     /// Those of [`Self::check`], [`Self::on_this_machine`], [`Self::given`] and [`views::read`].
-    pub fn sequence(&self) -> Result<Sequence> {
+    pub fn sequence(&self) -> Result<(Job, Vec<PathBuf>)> {
         self.check()?;
         let mut flags = self.given()?;
         let args = self.on_this_machine()?;
@@ -669,9 +653,7 @@ impl RenderArgs {
         let outputs = [Some(&output), args.preview.as_ref(), args.stats.as_ref()];
         let folders = outputs.into_iter().flatten().map(|path| folder(path)).collect();
         let name = output.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        let job = Job { name, scene: args.scene.clone(), flags, output, ..Job::default() };
-        let RenderArgs { threads, progress: style, signals_from_parent, .. } = args;
-        Ok(Sequence { job, folders, threads, style, signals_from_parent })
+        Ok((Job { name, scene: args.scene, flags, output, ..Job::default() }, folders))
     }
 }
 
