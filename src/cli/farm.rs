@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf, absolute};
 
 use clap::{Args, Command, Subcommand, ValueEnum, ValueHint};
 
+use super::flag_values::reason;
 use super::render::{self, command};
 use crate::batch::frames::split;
 use crate::batch::job::Job;
@@ -171,12 +172,7 @@ fn absolute_flags(command: &Command, flags: Vec<(String, Option<String>)>) -> Re
 fn render_of_scene(args: &SubmitArgs) -> Result<Render> {
     let command = command();
     let line = [OsString::from("render"), args.input.clone().into()].into_iter().chain(args.flags.iter().cloned());
-    let wrong = |e: clap::Error| {
-        let text = e.to_string();
-        let text = text.strip_prefix("error: ").unwrap_or(&text);
-        Error::Usage(format!("after --: {}", text.split("\n\n").next().unwrap_or(text)))
-    };
-    let render = render::read(&command, line).map_err(wrong)?;
+    let render = render::read(&command, line).map_err(|e| Error::Usage(format!("after --: {}", reason(&e))))?;
     render.check()?;
     let mut flags = render.given()?;
     for name in ["part", "resume", "progress", "path-mapping", "on-checkpoint", "led"] {

@@ -45,11 +45,14 @@ pub fn parse<T: Args>(name: &'static str, options: &Options, inputs: &[&Path]) -
     line.push("--".into());
     line.extend(inputs.iter().map(|path| path.as_os_str().to_owned()));
     let parsed = command.try_get_matches_from(line).and_then(|matches| T::from_arg_matches(&matches));
-    parsed.map_err(|e| {
-        let text = e.to_string();
-        let text = text.strip_prefix("error: ").unwrap_or(&text);
-        Error::Usage(text.split("\n\n").next().unwrap_or(text).trim_end().to_owned())
-    })
+    parsed.map_err(|e| Error::Usage(reason(&e)))
+}
+
+/// The first lines of clap's error, which say why.
+pub fn reason(error: &clap::Error) -> String {
+    let text = error.to_string();
+    let text = text.strip_prefix("error: ").unwrap_or(&text);
+    text.split("\n\n").next().unwrap_or(text).trim_end().to_owned()
 }
 
 /// Implements [`FlagValue`] for types with a list `ALL` and a `name`.
