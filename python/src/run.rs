@@ -49,16 +49,15 @@ static DEFAULT_POOL: Mutex<Option<Arc<ThreadPool>>> = Mutex::new(None);
 
 /// A pool of `threads` threads; without a number the one that the whole process shares.
 pub fn pool(threads: Option<usize>) -> Result<Arc<ThreadPool>> {
+    check_process()?;
     if let Some(threads) = threads {
-        check_process()?;
         return host::pool(threads).map(Arc::new);
     }
-    check_process()?;
     let mut shared = DEFAULT_POOL.lock().unwrap_or_else(PoisonError::into_inner);
     if let Some(pool) = &*shared {
         return Ok(Arc::clone(pool));
     }
-    let pool = Arc::new(host::pool(bismar::cli::in_memory::default_threads()?)?);
+    let pool = Arc::new(host::pool(host::threads(None)?.0)?);
     *shared = Some(Arc::clone(&pool));
     Ok(pool)
 }
@@ -134,11 +133,8 @@ pub fn stoppable<T: Send>(
         Ok(())
     };
     let (result, mut exception) = py.detach(|| {
-        if let Err(error) = check_process() {
-            return (Err(error), None);
-        }
         let mut exception = None;
-        let own = match own_pool(on, waits) {
+        let own = match check_process().and_then(|()| own_pool(on, waits)) {
             Ok(own) => own,
             Err(error) => return (Err(error), None),
         };

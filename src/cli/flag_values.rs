@@ -1,12 +1,13 @@
 //! Values of flags that are library types, with the help text of each.
 
-use std::path::Path;
+use std::ffi::OsStr;
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, Command};
 
 use crate::color::ColorSpace;
 use crate::film::{Denoise, View};
+use crate::job::LightUnit;
 use crate::rays::Backend;
 use crate::render::{BackFaces, Choice, GlassShadows, Ground, Integrator, PixelFilter};
 use crate::{Error, Result};
@@ -35,7 +36,7 @@ pub type Options = [(String, Option<String>)];
 ///
 /// # Errors
 /// [`Error::Usage`] with clap's first lines.
-pub fn parse<T: Args>(name: &'static str, options: &Options, inputs: &[&Path]) -> Result<T> {
+pub fn parse<T: Args>(name: &'static str, options: &Options, inputs: &[impl AsRef<OsStr>]) -> Result<T> {
     let command = T::augment_args(Command::new(name));
     let mut line = vec![name.into()];
     line.extend(options.iter().map(|(name, value)| match value {
@@ -43,7 +44,7 @@ pub fn parse<T: Args>(name: &'static str, options: &Options, inputs: &[&Path]) -
         None => format!("--{name}").into(),
     }));
     line.push("--".into());
-    line.extend(inputs.iter().map(|path| path.as_os_str().to_owned()));
+    line.extend(inputs.iter().map(|path| path.as_ref().to_owned()));
     let parsed = command.try_get_matches_from(line).and_then(|matches| T::from_arg_matches(&matches));
     parsed.map_err(|e| Error::Usage(reason(&e)))
 }
@@ -92,6 +93,10 @@ flag_values! {
     Ground {
         None: "Nothing",
         Shadow: "A plane that shows shadows alone",
+    }
+    LightUnit {
+        Lumen: "Candela and lux, as KHR_lights_punctual defines",
+        Watt: "W/sr and W/m^2, multiplied by 683 lm/W as Blender's exporter does",
     }
     Choice {
         Off: "Never",

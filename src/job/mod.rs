@@ -29,3 +29,4 @@ pub use output::{OutputWriter, preview_mark};
 pub use request::{LightUnit, RenderRequest, claim_output};
 pub use selection::SceneSelection;
 pub use session::{Done, Session};
+pub(crate) use stats::write_json;

@@ -87,12 +87,13 @@ pub fn write_again(path: &Path, header: &Header, checksum: &str) -> Result<()> {
     let mut stats =
         stats.ok_or_else(|| Error::Data(format!("{}: {HEADER_ATTRIBUTE} is no JSON object", path.display())))?;
     stats["picture"] = checksum.into();
-    write(path, &stats)
+    write_json(path, &stats)
 }
 
-fn write(path: &Path, stats: &impl Serialize) -> Result<()> {
+/// Writes a file of indented JSON.
+pub(crate) fn write_json(path: &Path, value: &impl Serialize) -> Result<()> {
     atomic::write(path, |file| {
-        serde_json::to_writer_pretty(&mut *file, stats)?;
+        serde_json::to_writer_pretty(&mut *file, value)?;
         std::io::Write::write_all(file, b"\n")?;
         Ok(Ok(()))
     })
@@ -243,7 +244,7 @@ impl Stats {
     /// Those of [`atomic::write`].
     pub fn write(&mut self, path: &Path) -> Result<()> {
         self.peak_memory_bytes = host::peak_memory_bytes();
-        write(path, self)
+        write_json(path, self)
     }
 
     /// One line of text: paths per pixel, seconds, noise, speed, and how to replay the brightest firefly.

@@ -10,6 +10,7 @@ use serde_json::{Value, json};
 use super::outcome::{Check, Limit, Outcome};
 use crate::Result;
 use crate::film::atomic;
+use crate::job;
 
 /// Schema version of the JSON; raised when a field changes its meaning or is removed.
 const SCHEMA: u32 = 1;
@@ -87,11 +88,7 @@ pub fn write_json(path: &Path, checks: &[Check], limit: Limit, seconds: f64) -> 
     };
     let goldens = checks.iter().map(one).collect();
     let report = Report { schema: SCHEMA, version: env!("CARGO_PKG_VERSION"), seconds, limit, goldens };
-    atomic::write(path, |file| {
-        serde_json::to_writer_pretty(&mut *file, &report)?;
-        file.write_all(b"\n")?;
-        Ok(Ok(()))
-    })
+    job::write_json(path, &report)
 }
 
 /// Writes JUnit XML: a test case for each golden picture.

@@ -7,7 +7,7 @@ use tracing::info;
 
 use super::values::{
     AovList, Crop, OnByDefault, PartFlag, PixelPath, Preset, TechniqueFlags, balance, blades, finite, light_radius,
-    light_unit, not_negative, preset, share, sun_angle,
+    not_negative, preset, share, sun_angle,
 };
 use crate::batch::frames::Frames;
 use crate::batch::job::Job;
@@ -151,7 +151,8 @@ pub struct RenderArgs {
     pub sunsky: Option<ClearSky>,
     /// Unit of the file's point, spot and directional lights: lumen uses their intensities unchanged, watt divides them by
     /// 683 lm/W, the factor that Blender's exporter multiplies by.
-    #[arg(long, value_parser = light_unit(), default_value = "lumen", value_name = "UNIT", help_heading = "Light")]
+    #[arg(long, value_parser = value_of::<LightUnit>(), default_value = LightUnit::Lumen.name(), value_name = "UNIT",
+        help_heading = "Light")]
     pub light_unit: LightUnit,
     /// Radius of all point and spot lights: spheres with the irradiance that the points have, soft shadows, and highlights. The
     /// camera does not see them. Without this, `radius` in the file's extras, or points.

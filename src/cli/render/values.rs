@@ -9,7 +9,6 @@ use crate::cli::flag_values::FlagValue;
 use crate::farm::array::{ArrayTask, array_task};
 use crate::film::Aov;
 use crate::integrator::Reuse;
-use crate::job::LightUnit;
 use crate::render::techniques::Row;
 use crate::render::{Balance, Choice, Part, PerTechnique, Technique};
 use crate::scene::MAX_RADIUS;
@@ -195,16 +194,6 @@ pub fn light_radius(text: &str) -> Parsed<f32> {
 /// Parser of `--sun-angle`.
 pub fn sun_angle(text: &str) -> Parsed<f32> {
     not_negative(text).ok().filter(|x| *x <= 180.0).ok_or("not degrees from 0 to 180".into())
-}
-
-/// Parser of `--light-unit`.
-pub fn light_unit() -> impl TypedValueParser<Value = LightUnit> {
-    let help = [
-        ("lumen", "Candela and lux, as KHR_lights_punctual defines"),
-        ("watt", "W/sr and W/m^2, multiplied by 683 lm/W as Blender's exporter does"),
-    ];
-    PossibleValuesParser::new(help.map(|(name, help)| PossibleValue::new(name).help(help)))
-        .map(|name| if name == "watt" { LightUnit::Watt } else { LightUnit::Lumen })
 }
 
 /// A switch that is on by default.
