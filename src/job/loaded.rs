@@ -6,7 +6,7 @@ use std::time::Instant;
 use tracing::{debug, info, warn};
 
 use super::choose::{self, DEFAULT_SIZE};
-use super::inputs::{Files, Inputs};
+use super::inputs::Inputs;
 use super::memory;
 use super::request::RenderRequest;
 use super::scene::{make_scene, scene_at_rest};
@@ -45,7 +45,7 @@ impl Loaded {
     /// # Errors
     /// Those of the import and of the build; [`Error::Interrupted`](crate::Error::Interrupted) if `building` returns false.
     pub fn load(request: &RenderRequest, inputs: &Inputs, building: Building) -> Result<Self> {
-        Self::load_files(request, inputs, inputs.take(request)?, None, building)
+        Self::load_next(request, inputs, None, false, building)
     }
 
     /// Loads one of several scenes made of the same files. `more`: others will follow. `previous`: the one before, whose
@@ -61,36 +61,6 @@ impl Loaded {
         building: Building,
     ) -> Result<Self> {
         let files = if more { inputs.lend(request) } else { inputs.take(request) }?;
-        Self::load_files(request, inputs, files, previous, building)
-    }
-
-    /// The same scene with the camera of `--orbit`, of a job of `--cameras` or of `--camera panorama` besides the file's;
-    /// `None` without those flags.
-    ///
-    /// # Errors
-    /// Those of [`PlacedCamera::camera`](crate::scene::PlacedCamera::camera).
-    pub fn placed(&self, request: &RenderRequest) -> Result<Option<Self>> {
-        let (width, height) = request.size.map_or(DEFAULT_SIZE, |size| (size.0, size.1));
-        let aspect = f64::from(width) / f64::from(height);
-        let camera = match (&request.placed, &request.orbit) {
-            (Some(placed), _) => placed.camera(aspect)?,
-            (None, Some(orbit)) => orbit.camera(&self.prepared.scene, aspect),
-            (None, None) if choose::is_panorama(&self.prepared.scene.cameras, request) => {
-                choose::panorama(&self.prepared.scene)
-            }
-            (None, None) => return Ok(None),
-        };
-        let prepared = self.prepared.with_camera(camera);
-        Ok(Some(Self { prepared, ..*self }))
-    }
-
-    fn load_files(
-        request: &RenderRequest,
-        inputs: &Inputs,
-        files: Files,
-        previous: Option<Arc<Self>>,
-        building: Building,
-    ) -> Result<Self> {
         let start = Instant::now();
         let at_rest = request.selection.is_posed().then(|| Arc::clone(&files.scene));
         let scene = Arc::new(make_scene(request, files)?);
@@ -129,6 +99,26 @@ impl Loaded {
         let prepare_seconds = built.elapsed().as_secs_f64() - build_seconds;
         debug!("prepared lights and materials: {prepare_seconds:.2} s");
         Ok(Self { prepared, read_seconds, build_seconds, prepare_seconds })
+    }
+
+    /// The same scene with the camera of `--orbit`, of a job of `--cameras` or of `--camera panorama` besides the file's;
+    /// `None` without those flags.
+    ///
+    /// # Errors
+    /// Those of [`PlacedCamera::camera`](crate::scene::PlacedCamera::camera).
+    pub fn placed(&self, request: &RenderRequest) -> Result<Option<Self>> {
+        let (width, height) = request.size.map_or(DEFAULT_SIZE, |size| (size.0, size.1));
+        let aspect = f64::from(width) / f64::from(height);
+        let camera = match (&request.placed, &request.orbit) {
+            (Some(placed), _) => placed.camera(aspect)?,
+            (None, Some(orbit)) => orbit.camera(&self.prepared.scene, aspect),
+            (None, None) if choose::is_panorama(&self.prepared.scene.cameras, request) => {
+                choose::panorama(&self.prepared.scene)
+            }
+            (None, None) => return Ok(None),
+        };
+        let prepared = self.prepared.with_camera(camera);
+        Ok(Some(Self { prepared, ..*self }))
     }
 }
 
