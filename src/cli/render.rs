@@ -28,9 +28,6 @@ pub fn command() -> Command {
 }
 
 /// Reads a line of flags, the first word being the command's name, with [`command`].
-///
-/// # Errors
-/// clap's.
 pub fn read(
     command: &Command,
     line: impl IntoIterator<Item = OsString>,

@@ -8,9 +8,6 @@ use crate::render::checkpoint;
 use crate::scene::Scene;
 
 /// Header attributes with the names that these AOVs refer to.
-///
-/// # Errors
-/// [`Error::Bug`](crate::Error::Bug) if the names cannot be written as JSON.
 pub fn names(scene: &Scene, aovs: &[Aov]) -> Result<Header> {
     let objects = || scene.instances.iter().map(|instance| instance.name.as_str());
     let materials = || scene.materials.iter().map(|material| material.name.as_str());

@@ -160,9 +160,6 @@ impl<'a> OutputWriter<'a> {
 }
 
 /// Writes a PNG from the command's EXR, denoised if requested; returns its exposure in stops.
-///
-/// # Errors
-/// Those of [`Picture::open`] and [`preview::write_picture`].
 pub fn develop_file(request: &RenderRequest, png: &Path, background: Background, mark: &str) -> Result<f32> {
     let output = &request.output;
     let mut picture = Picture::open(output, None)?;

@@ -29,9 +29,6 @@ const HEAD: &str = "<!doctype html>\n<html lang=en>\n<meta charset=utf-8>\n<meta
     </style>\n<h1>Golden pictures</h1>\n";
 
 /// Writes the page.
-///
-/// # Errors
-/// Those of reading the pictures and of [`atomic::write`].
 pub fn write(path: &Path, checks: &[Check], limit: Limit) -> Result<()> {
     let seconds = checks.iter().map(|check| check.seconds).sum();
     let mut text = HEAD.to_owned();

@@ -50,9 +50,6 @@ pub fn summary(checks: &[Check], seconds: f64) -> String {
 }
 
 /// Writes the report.
-///
-/// # Errors
-/// Those of [`atomic::write`].
 pub fn write_json(path: &Path, checks: &[Check], limit: Limit, seconds: f64) -> Result<()> {
     #[derive(Serialize)]
     struct Report<'a> {
@@ -92,9 +89,6 @@ pub fn write_json(path: &Path, checks: &[Check], limit: Limit, seconds: f64) -> 
 }
 
 /// Writes JUnit XML: a test case for each golden picture.
-///
-/// # Errors
-/// Those of [`atomic::write`].
 pub fn write_junit(path: &Path, checks: &[Check]) -> Result<()> {
     let failures = checks.iter().filter(|c| c.outcome.exit_code().is_none() && !c.outcome.passes() && !c.updated);
     let errors = checks.iter().filter(|check| check.outcome.exit_code().is_some());

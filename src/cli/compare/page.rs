@@ -16,18 +16,12 @@ use crate::film::{Exposure, Look, Picture, View, atomic};
 const TEMPLATE: &str = include_str!("page.html");
 
 /// Writes the page; `curve` is the chart of a sequence, or empty.
-///
-/// # Errors
-/// Those of [`atomic::write`].
 pub fn write(path: &Path, names: [&Path; 2], pictures: [&Picture; 2], c: &Comparison, curve: &str) -> Result<()> {
     let text = page(names, pictures, c, curve)?;
     atomic::write(path, |file| Ok(Ok(file.write_all(text.as_bytes())?)))
 }
 
 /// The page, with HTML above the pictures. Both pictures have the view transform and the automatic exposure of B.
-///
-/// # Errors
-/// Those of the PNG encoder.
 pub fn page(names: [&Path; 2], [a, b]: [&Picture; 2], c: &Comparison, above: &str) -> Result<String> {
     let view = if a.displayed && b.displayed { View::Srgb } else { View::Agx };
     let exposure = if view == View::Srgb { 0.0 } else { Exposure::Auto.of(b.colors()) };

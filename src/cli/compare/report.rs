@@ -44,9 +44,6 @@ pub fn and_more(n: usize) -> String {
 }
 
 /// Writes the file of `--csv`.
-///
-/// # Errors
-/// Those of [`atomic::write`].
 pub fn write_csv(path: &Path, reports: &[Report]) -> crate::Result<()> {
     let quoted = |path: &Path| format!("\"{}\"", path.display().to_string().replace('"', "\"\""));
     atomic::write(path, |file| {

@@ -122,9 +122,6 @@ impl Contents {
     }
 
     /// The contents as JSON.
-    ///
-    /// # Errors
-    /// [`Error::Bug`] if they cannot be serialised.
     pub fn report(&self) -> Result<Value> {
         serde_json::to_value(self).map_err(|e| Error::Bug(format!("JSON: {e}")))
     }

@@ -36,9 +36,6 @@ pub struct Subject {
 
 impl Subject {
     /// Opens and imports a scene, and declares its files.
-    ///
-    /// # Errors
-    /// Those of the import, of [`Paths::reads`], and [`Error::Host`] if memory does not suffice.
     pub fn open(look: &LookArgs, scene: &Path, paths: &mut Paths) -> Result<Self> {
         let mut selection = look.selection.selection();
         look.frames.iter().for_each(|frames| selection.frame = Some(frames.numbers()[0].into()));

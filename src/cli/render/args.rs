@@ -374,9 +374,6 @@ impl RenderArgs {
     }
 
     /// What the command asks for; of a sequence, what its pictures have in common.
-    ///
-    /// # Errors
-    /// Those of [`Self::check`].
     pub fn request(&self) -> Result<RenderRequest> {
         self.check()?;
         let (aovs, selection) = (self.aovs(), self.selection.selection());
@@ -476,9 +473,6 @@ impl RenderArgs {
     }
 
     /// What the command asks for, picture by picture, with the numbers of frames.
-    ///
-    /// # Errors
-    /// Those of [`Self::request`] and [`Self::of_frame`].
     pub fn requests(&self) -> Result<Vec<(Option<u32>, RenderRequest)>> {
         match &self.frames {
             None => Ok(vec![(None, self.request()?)]),
@@ -560,9 +554,6 @@ impl RenderArgs {
     }
 
     /// Checks the rules that clap cannot express.
-    ///
-    /// # Errors
-    /// [`Error::Usage`].
     pub fn check(&self) -> Result<()> {
         self.check_balance()?;
         if self.is_dash() && (self.is_sequence() || self.replay_pixel.is_some()) {
@@ -627,9 +618,6 @@ impl RenderArgs {
     }
 
     /// A command that renders many pictures, as one job, and the folders below which they are written.
-    ///
-    /// # Errors
-    /// Those of [`Self::check`], [`Self::on_this_machine`], [`Self::given`] and [`views::read`].
     pub fn sequence(&self) -> Result<(Job, Vec<PathBuf>)> {
         self.check()?;
         let mut flags = self.given()?;
