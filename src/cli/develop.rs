@@ -5,6 +5,7 @@ use std::str::FromStr;
 
 use clap::Args;
 
+use crate::cli::flag_values::check_ending;
 use crate::cli::view_args::ViewArgs;
 use crate::console::{Paths, Verbosity, Verdict, say};
 use crate::film::denoise::DENOISED;
@@ -93,9 +94,7 @@ impl Mix {
 
 pub fn run(args: &DevelopArgs, verbosity: Verbosity) -> Result<Verdict> {
     let output = args.output.clone().unwrap_or_else(|| args.input.with_extension("png"));
-    if !preview::has_ending(&output) && !output.starts_with("/dev") {
-        return Err(Error::Usage(format!("-o {}: the name must end in .png, .jpg or .webp", output.display())));
-    }
+    check_ending("-o", &output, &preview::ENDINGS)?;
     let mut paths = Paths::default();
     paths.reads("the picture", &args.input)?;
     args.output.iter().for_each(|output| atomic::named(output));

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf, absolute};
 
 use clap::{Args, Command, Subcommand, ValueEnum, ValueHint};
 
-use super::flag_values::reason;
+use super::flag_values::{has_ending, reason};
 use super::render::{self, command};
 use crate::batch::frames::split;
 use crate::batch::job::Job;
@@ -117,7 +117,7 @@ pub fn run(args: &FarmArgs) -> Result<Verdict> {
 }
 
 fn submit(args: &SubmitArgs) -> Result<Verdict> {
-    let is_batch = args.input.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
+    let is_batch = has_ending(&args.input, &["toml"]);
     let renders = match (is_batch, args.flags.is_empty()) {
         (true, true) => renders_of_batch(&args.input, &args.root)?,
         (true, false) => return Err(Error::Usage("a batch file contains its flags: none may follow --".into())),

@@ -1,12 +1,13 @@
 //! Values of flags that are library types, with the help text of each.
 
 use std::ffi::OsStr;
+use std::path::Path;
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, Command};
 
 use crate::color::ColorSpace;
-use crate::film::{Denoise, View};
+use crate::film::{Denoise, View, preview};
 use crate::job::LightUnit;
 use crate::rays::Backend;
 use crate::render::{BackFaces, Choice, GlassShadows, Ground, Integrator, PixelFilter};
@@ -54,6 +55,26 @@ pub fn reason(error: &clap::Error) -> String {
     let text = error.to_string();
     let text = text.strip_prefix("error: ").unwrap_or(&text);
     text.split("\n\n").next().unwrap_or(text).trim_end().to_owned()
+}
+
+/// Has a path one of these endings, in any case?
+pub(super) fn has_ending(path: &Path, endings: &[&str]) -> bool {
+    path.extension().is_some_and(|own| endings.iter().any(|ending| own.eq_ignore_ascii_case(ending)))
+}
+
+/// Fails for a path without one of these endings. Devices have none and are allowed, for benchmarks.
+pub(super) fn check_ending(flag: &str, path: &Path, endings: &[&str]) -> Result<()> {
+    if has_ending(path, endings) || path.starts_with("/dev") {
+        return Ok(());
+    }
+    let hint = match (flag, preview::has_ending(path)) {
+        ("-o", true) => {
+            let exr = path.with_extension("exr");
+            format!(": -o {} --preview {} writes both", exr.display(), path.display())
+        }
+        _ => String::new(),
+    };
+    Err(Error::Usage(format!("{flag} {}: the name must end in .{}{hint}", path.display(), endings.join(" or ."))))
 }
 
 /// Implements [`FlagValue`] for types with a list `ALL` and a `name`.

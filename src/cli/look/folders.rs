@@ -12,6 +12,7 @@ use super::direction::Direction;
 use super::looked::{Looked, SCHEMA};
 use super::pair::Pair;
 use super::sheet::Sheet;
+use crate::cli::flag_values::has_ending;
 use crate::console::{Paths, Verdict};
 use crate::scene::import::SceneFiles;
 use crate::{Error, Result};
@@ -111,7 +112,7 @@ fn scenes(folder: &Path) -> Result<BTreeSet<PathBuf>> {
             let path = entry.path();
             if entry.file_type().is_ok_and(|kind| kind.is_dir()) {
                 open.extend((depth < MAX_DEPTH).then_some((path, depth + 1)));
-            } else if ["glb", "gltf"].iter().any(|end| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(end))) {
+            } else if has_ending(&path, &["glb", "gltf"]) {
                 found.extend(path.strip_prefix(folder).map(Path::to_owned).ok());
             }
         }

@@ -13,7 +13,7 @@ use crate::batch::frames::Frames;
 use crate::batch::job::Job;
 use crate::batch::numbering::numbered;
 use crate::batch::views::{self, MAX_VIEWS};
-use crate::cli::flag_values::value_of;
+use crate::cli::flag_values::{check_ending, value_of};
 use crate::cli::scene_selection::SelectionArgs;
 use crate::cli::view_args::ViewArgs;
 use crate::color::ColorSpace;
@@ -579,8 +579,8 @@ impl RenderArgs {
                     .into(),
             ));
         }
-        check_extension("-o", self.output.as_deref(), &["exr"])?;
-        check_extension("--preview", self.preview.as_deref(), &preview::ENDINGS)
+        self.output.iter().try_for_each(|path| check_ending("-o", path, &["exr"]))?;
+        self.preview.iter().try_for_each(|path| check_ending("--preview", path, &preview::ENDINGS))
     }
 
     /// Whether `--aov all` was given, which leaves out what cannot be written.
@@ -652,21 +652,4 @@ fn folder(output: &Path) -> PathBuf {
     let parent = output.parent().unwrap_or(Path::new(""));
     let before: PathBuf = parent.components().take_while(|part| !has_number(part)).collect();
     if before.as_os_str().is_empty() { ".".into() } else { before }
-}
-
-/// Fails for a path without one of these extensions. Devices have none and are allowed, for benchmarks.
-fn check_extension(flag: &str, path: Option<&Path>, extensions: &[&str]) -> Result<()> {
-    let Some(path) = path else { return Ok(()) };
-    let has = |extension: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension));
-    if extensions.iter().any(|extension| has(extension)) || path.starts_with("/dev") {
-        return Ok(());
-    }
-    let hint = match (flag, preview::has_ending(path)) {
-        ("-o", true) => {
-            let exr = path.with_extension("exr");
-            format!(": -o {} --preview {} writes both", exr.display(), path.display())
-        }
-        _ => String::new(),
-    };
-    Err(Error::Usage(format!("{flag} {}: the name must end in .{}{hint}", path.display(), extensions.join(" or ."))))
 }
