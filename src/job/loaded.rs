@@ -78,23 +78,22 @@ impl Loaded {
             scene.cameras.len()
         );
         let built = Instant::now();
-        if let Some(previous) = &previous
-            && let Some(rays) = previous.prepared.rays_of(&scene)
-        {
-            debug!("no geometry has moved: the acceleration structure is reused");
-            let prepared = PreparedScene::after(scene, rays, Some(&previous.prepared));
-            let prepared = with_light(request, inputs, at_rest.as_deref(), prepared)?;
-            let prepare_seconds = built.elapsed().as_secs_f64();
-            return Ok(Self { prepared, read_seconds, build_seconds: 0.0, prepare_seconds });
-        }
-        let rays = rays::build_watched(request.rays, Arc::clone(&scene), &|done| {
-            building(done, built.elapsed().as_secs_f64())
-        })?;
-        let build_seconds = built.elapsed().as_secs_f64();
-        let backend = rays.info();
-        let mebibytes = backend.memory_bytes as f64 / 2_f64.powi(20);
-        info!("built {} {} ({}): {build_seconds:.2} s, {mebibytes:.1} MiB", backend.name, backend.version, backend.isa);
-        let prepared = PreparedScene::after(scene, rays.into(), previous.as_ref().map(|p| &p.prepared));
+        let (rays, build_seconds) = match previous.as_ref().and_then(|previous| previous.prepared.rays_of(&scene)) {
+            Some(rays) => {
+                debug!("no geometry has moved: the acceleration structure is reused");
+                (rays, 0.0)
+            }
+            None => {
+                let rays = rays::build_watched(request.rays, Arc::clone(&scene), &|done| {
+                    building(done, built.elapsed().as_secs_f64())
+                })?;
+                let (seconds, backend) = (built.elapsed().as_secs_f64(), rays.info());
+                let mebibytes = backend.memory_bytes as f64 / 2_f64.powi(20);
+                info!("built {} {} ({}): {seconds:.2} s, {mebibytes:.1} MiB", backend.name, backend.version, backend.isa);
+                (rays.into(), seconds)
+            }
+        };
+        let prepared = PreparedScene::after(scene, rays, previous.as_ref().map(|previous| &previous.prepared));
         let prepared = with_light(request, inputs, at_rest.as_deref(), prepared)?;
         let prepare_seconds = built.elapsed().as_secs_f64() - build_seconds;
         debug!("prepared lights and materials: {prepare_seconds:.2} s");

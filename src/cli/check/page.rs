@@ -9,9 +9,10 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 
 use super::outcome::{Check, Limit, Outcome};
-use super::report::{escaped, line, summary};
+use super::report::{line, summary};
 use crate::Result;
 use crate::cli::compare::false_color;
+use crate::cli::compare::page::escaped;
 use crate::film::compare::flip_map;
 use crate::film::preview::{encoded, encoded_picture, to_byte};
 use crate::film::{Exposure, Look, Picture, View, atomic};

@@ -9,6 +9,7 @@ use serde_json::{Value, json};
 
 use super::outcome::{Check, Limit, Outcome};
 use crate::Result;
+use crate::cli::compare::page::escaped;
 use crate::film::atomic;
 use crate::job;
 
@@ -115,21 +116,4 @@ pub fn write_junit(path: &Path, checks: &[Check]) -> Result<()> {
     }
     text += "</testsuite>\n";
     atomic::write(path, |file| Ok(Ok(file.write_all(text.as_bytes())?)))
-}
-
-/// Text in an attribute of XML or HTML. What XML 1.0 does not allow (control characters, U+FFFE, U+FFFF) becomes spaces.
-pub fn escaped(text: &str) -> String {
-    let plain: String =
-        text.chars().map(|c| if c.is_control() || matches!(c, '\u{FFFE}' | '\u{FFFF}') { ' ' } else { c }).collect();
-    plain.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
-}
-
-#[cfg(test)]
-mod tests {
-    use super::escaped;
-
-    #[test]
-    fn text_is_what_xml_allows() {
-        assert_eq!(escaped("a\u{FFFF}\u{1}<\"é"), "a  &lt;&quot;é");
-    }
 }

@@ -64,9 +64,13 @@ pub fn page(names: [&Path; 2], [a, b]: [&Picture; 2], c: &Comparison, above: &st
     Ok(text)
 }
 
-/// Text that is no HTML, and fills no placeholder.
+/// Text in HTML or XML, or in an attribute of these, that fills no placeholder. What XML 1.0 does not allow (control characters,
+/// U+FFFE, U+FFFF) becomes spaces.
 pub fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('"', "&quot;").replace('{', "&#123;")
+    let plain: String =
+        text.chars().map(|c| if c.is_control() || matches!(c, '\u{FFFE}' | '\u{FFFF}') { ' ' } else { c }).collect();
+    let plain = plain.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
+    plain.replace('"', "&quot;").replace('{', "&#123;")
 }
 
 #[cfg(test)]
@@ -74,7 +78,8 @@ mod tests {
     use super::escaped;
 
     #[test]
-    fn a_name_fills_no_placeholder() {
+    fn a_name_fills_no_placeholder_and_is_what_xml_allows() {
         assert!(!escaped("{{{rows}}").contains("{{rows}}"));
+        assert_eq!(escaped("a\u{FFFF}\u{1}<\"é"), "a  &lt;&quot;é");
     }
 }

@@ -590,23 +590,19 @@ impl RenderArgs {
 
     fn check_balance(&self) -> Result<()> {
         let name = self.balance.name();
-        if !self.balance.method().needs_goal() {
-            if self.pilot.is_none() {
-                return Ok(());
-            }
-            let with_pilot: Vec<_> =
-                Balance::all().iter().filter(|b| b.method().needs_goal()).map(|b| b.name()).collect();
-            return Err(Error::Usage(format!(
-                "--pilot needs --balance {}; {name} has no pilot whose size can be set",
-                with_pilot.join(" or ")
-            )));
-        }
-        if self.spp.is_none() {
-            return Err(Error::Usage(format!(
+        match (self.balance.method().needs_goal(), self.spp, self.pilot) {
+            (true, None, _) => Err(Error::Usage(format!(
                 "--balance {name} needs --spp: its pilot is a share of all samples, so their number must be known in advance"
-            )));
+            ))),
+            (false, _, Some(_)) => {
+                let with_pilot = Balance::all().iter().filter(|b| b.method().needs_goal()).map(|b| b.name());
+                let with_pilot = with_pilot.collect::<Vec<_>>().join(" or ");
+                Err(Error::Usage(format!(
+                    "--pilot needs --balance {with_pilot}; {name} has no pilot whose size can be set"
+                )))
+            }
+            _ => Ok(()),
         }
-        Ok(())
     }
 
     /// The flags that were given, without dashes, with their values.
