@@ -19,7 +19,7 @@ use crate::{Error, Result};
 pub use plan::{plan, read};
 pub use sequence::run as sequence;
 pub use work::Work;
-pub use worker::{WorkerArgs, run as work};
+pub use worker::run as work;
 
 /// Render the jobs of a batch file: scenes, cameras, settings (docs/batch.md).
 ///

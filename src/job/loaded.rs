@@ -89,7 +89,10 @@ impl Loaded {
                 })?;
                 let (seconds, backend) = (built.elapsed().as_secs_f64(), rays.info());
                 let mebibytes = backend.memory_bytes as f64 / 2_f64.powi(20);
-                info!("built {} {} ({}): {seconds:.2} s, {mebibytes:.1} MiB", backend.name, backend.version, backend.isa);
+                info!(
+                    "built {} {} ({}): {seconds:.2} s, {mebibytes:.1} MiB",
+                    backend.name, backend.version, backend.isa
+                );
                 (rays.into(), seconds)
             }
         };

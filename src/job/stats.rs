@@ -165,6 +165,7 @@ impl Stats {
         seconds: Seconds,
     ) -> Self {
         let Rendered { settings, stats, .. } = rendered;
+        let BackendInfo { name, version, isa, build_seconds, memory_bytes, .. } = backend.clone();
         let mega_per_second = |count: u64| count as f64 / stats.render_seconds.max(1e-9) / 1e6;
         Self {
             schema: SCHEMA,
@@ -177,13 +178,7 @@ impl Stats {
                 strength: e.strength,
             }),
             settings: settings.clone(),
-            backend: Backend {
-                name: backend.name,
-                version: backend.version.clone(),
-                isa: backend.isa.clone(),
-                build_seconds: backend.build_seconds,
-                memory_bytes: backend.memory_bytes,
-            },
+            backend: Backend { name, version, isa, build_seconds, memory_bytes },
             threads,
             stop: rendered.stop,
             exposure: 0.0,

@@ -7,10 +7,8 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::build_info::BuildInfo;
-use super::goals;
-use super::goals::Goal;
-use super::identity::Identity;
-use super::identity::RequestedOutputs;
+use super::goals::{self, Goal};
+use super::identity::{Identity, RequestedOutputs};
 use super::names::variant_name;
 use super::part::Part;
 use super::rendered::{Rendered, Samples, paths_range, tile_positions};

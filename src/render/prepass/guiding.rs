@@ -136,7 +136,7 @@ impl Decided for GuidingLearner {
 
 impl Learner for GuidingLearner {
     fn pixels(&self) -> f64 {
-        effort::GUIDING.pixels(self.picture_pixels)
+        effort::guiding_pixels(self.picture_pixels)
     }
 
     fn wants(&self) -> Option<Wanted> {

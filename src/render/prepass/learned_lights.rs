@@ -43,7 +43,7 @@ impl<'a> LightsLearner<'a> {
             area,
             always: settings.techniques[Technique::LearnedLights] == Choice::On,
             scale: 0.25 * scene.scene.radius(),
-            pixels: effort::LEARNED_LIGHTS.pixels(settings.pixels()),
+            pixels: effort::learned_lights_pixels(settings.pixels()),
             records: Vec::new(),
             paths: 0.0,
             finished: false,
