@@ -6,8 +6,8 @@ use clap::Args;
 use tracing::info;
 
 use super::values::{
-    AovList, Crop, OnByDefault, PartFlag, PixelPath, Preset, TechniqueFlags, balance, blades, finite, light_radius,
-    not_negative, preset, share, sun_angle,
+    AovList, OnByDefault, PartFlag, PixelPath, Preset, TechniqueFlags, aov_list, balance, blades, crop, finite,
+    light_radius, not_negative, part_flag, pixel_path, preset, share, sun_angle,
 };
 use crate::batch::frames::Frames;
 use crate::batch::job::Job;
@@ -92,8 +92,8 @@ pub struct RenderArgs {
     pub size: Option<Size>,
     /// Crop window in pixels from the top left; x1 and y1 are exclusive. Its pixels are bit-identical to those of the full
     /// render.
-    #[arg(long, value_name = "x0,y0,x1,y1", help_heading = "View")]
-    pub crop: Option<Crop>,
+    #[arg(long, value_parser = crop, value_name = "x0,y0,x1,y1", help_heading = "View")]
+    pub crop: Option<[u32; 4]>,
 
     /// Thin-lens aperture: an f-stop such as f/2.8 (for a sensor 24 mm high) or a radius in metres. glTF cameras have no
     /// aperture [default: pinhole].
@@ -249,13 +249,8 @@ pub struct RenderArgs {
     /// Render only part K (1 to N) of the picture's tiles; `bismar merge` combines the parts. auto, or auto/N, takes K from
     /// the array of Slurm (--array=1-N), AWS Batch or Kubernetes (indexed jobs) that this process is a task of; names of
     /// outputs then hold K as #### or {frame:04} (docs/farm.md).
-    #[arg(
-        id = "part",
-        long,
-        value_name = "K/N|auto|auto/N",
-        conflicts_with = "time",
-        help_heading = "Interruption and parts"
-    )]
+    #[arg(id = "part", long, value_parser = part_flag, value_name = "K/N|auto|auto/N", conflicts_with = "time",
+        help_heading = "Interruption and parts")]
     part_flag: Option<PartFlag>,
 
     /// Ray tracing library.
@@ -273,14 +268,9 @@ pub struct RenderArgs {
     /// indirect, variance, samples, balance, object, material, position, uv, emission, guide-albedo and guide-normal
     /// (followed through mirrors, for denoisers), lights (the beauty by type of light source), velocity (pixels per frame),
     /// crypto-object, crypto-material.
-    #[arg(
-        long,
-        alias = "aovs",
-        value_name = "LIST",
-        default_value = "variance,samples,balance",
-        default_value_if("preset", "thumbnail", "none"),
-        help_heading = "Output"
-    )]
+    #[arg(long, alias = "aovs", value_parser = aov_list, value_name = "LIST",
+        default_value = "variance,samples,balance", default_value_if("preset", "thumbnail", "none"),
+        help_heading = "Output")]
     aov: AovList,
     /// Write colours and normals as 16-bit floats, which halves the file size.
     #[arg(long, help_heading = "Output")]
@@ -316,8 +306,8 @@ pub struct RenderArgs {
     pub path_mapping: Option<PathBuf>,
     /// Print every event on the paths of one pixel (counted from the top left), or on its path N only; no picture is
     /// written.
-    #[arg(long, value_name = "X,Y[,N]", conflicts_with_all = ["resume", "checkpoint", "part"],
-        help_heading = "Output")]
+    #[arg(long, value_parser = pixel_path, value_name = "X,Y[,N]",
+        conflicts_with_all = ["resume", "checkpoint", "part"], help_heading = "Output")]
     pub replay_pixel: Option<PixelPath>,
     /// Progress display.
     #[arg(long, value_enum, default_value_t = Style::Auto, help_heading = "Output")]
@@ -387,7 +377,7 @@ impl RenderArgs {
         };
         let unlimited = self.spp.is_none() && self.time.is_none() && self.noise.is_none();
         let settings = RenderSettings {
-            crop: self.crop.map(|c| c.0),
+            crop: self.crop,
             integrator: self.integrator,
             max_depth: self.max_depth,
             spp: if unlimited { RenderSettings::default().spp } else { self.spp },
