@@ -112,18 +112,14 @@ fn render(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
             });
             Ok(Ok((loaded.inspect_err(|_| reporter.finish(false))?, inputs)))
         });
-        let (loaded, inputs) = match prepared? {
-            Ok(work) => work,
-            Err(done) => {
-                if !verbosity.quiet {
-                    say(done);
-                }
-                return Ok(Verdict::Done);
+        let done = match prepared? {
+            Ok((loaded, inputs)) => {
+                let session = Session { request: &request, inputs: &inputs, threads, began, replaces: false };
+                let ends = |complete| reporter.finish(complete);
+                session.render(&loaded, &signals.stop, &|p| reporter.update(p), &ends)?
             }
+            Err(done) => done,
         };
-        let session = Session { request: &request, inputs: &inputs, threads, began, replaces: false };
-        let done =
-            session.render(&loaded, &signals.stop, &|p| reporter.update(p), &|complete| reporter.finish(complete))?;
         if !verbosity.quiet {
             say(done);
         }

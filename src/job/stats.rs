@@ -49,7 +49,8 @@ pub struct Stats {
     not_finite: NotFinite,
     /// Wall seconds by phase.
     pub seconds: Seconds,
-    rays: Rays,
+    /// By kind.
+    rays: Value,
     mpaths_per_second: f64,
     mrays_per_second: f64,
     /// Thread seconds inside ray queries, summed over all threads.
@@ -140,15 +141,6 @@ struct Backend {
     memory_bytes: u64,
 }
 
-#[derive(Debug, Clone, Copy, Serialize)]
-struct Rays {
-    camera: u64,
-    first_bounce: u64,
-    later_bounce: u64,
-    shadow: u64,
-    total: u64,
-}
-
 /// File name without its folder.
 pub fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
@@ -191,13 +183,13 @@ impl Stats {
             fireflies: Fireflies::of(rendered),
             not_finite: NotFinite { count: stats.not_finite, first: stats.first_not_finite },
             seconds,
-            rays: Rays {
-                camera: stats.camera_rays,
-                first_bounce: stats.first_bounce_rays,
-                later_bounce: stats.later_bounce_rays,
-                shadow: stats.shadow_rays,
-                total: stats.rays(),
-            },
+            rays: serde_json::json!({
+                "camera": stats.camera_rays,
+                "first_bounce": stats.first_bounce_rays,
+                "later_bounce": stats.later_bounce_rays,
+                "shadow": stats.shadow_rays,
+                "total": stats.rays(),
+            }),
             mpaths_per_second: mega_per_second(stats.paths),
             mrays_per_second: mega_per_second(stats.rays()),
             ray_query_seconds: stats.ray_query_seconds,

@@ -4,8 +4,7 @@ use std::fmt::Write as _;
 use std::io::Write;
 use std::path::Path;
 
-use serde::Serialize;
-use serde_json::{Value, json};
+use serde_json::json;
 
 use super::outcome::{Check, Limit, Outcome};
 use crate::Result;
@@ -52,14 +51,6 @@ pub fn summary(checks: &[Check], seconds: f64) -> String {
 
 /// Writes the report.
 pub fn write_json(path: &Path, checks: &[Check], limit: Limit, seconds: f64) -> Result<()> {
-    #[derive(Serialize)]
-    struct Report<'a> {
-        schema: u32,
-        version: &'a str,
-        seconds: f64,
-        limit: Limit,
-        goldens: Vec<Value>,
-    }
     let one = |check: &Check| {
         let mut value = json!({
             "golden": check.golden.display().to_string(),
@@ -84,9 +75,12 @@ pub fn write_json(path: &Path, checks: &[Check], limit: Limit, seconds: f64) -> 
         }
         value
     };
-    let goldens = checks.iter().map(one).collect();
-    let report = Report { schema: SCHEMA, version: env!("CARGO_PKG_VERSION"), seconds, limit, goldens };
-    job::write_json(path, &report)
+    let goldens: Vec<_> = checks.iter().map(one).collect();
+    let version = env!("CARGO_PKG_VERSION");
+    job::write_json(
+        path,
+        &json!({ "schema": SCHEMA, "version": version, "seconds": seconds, "limit": limit, "goldens": goldens }),
+    )
 }
 
 /// Writes JUnit XML: a test case for each golden picture.
