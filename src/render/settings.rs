@@ -254,7 +254,7 @@ impl RenderSettings {
             ("glass-shadows", (*glass_shadows != GlassShadows::Off).then(|| variant_name(glass_shadows))),
             ("path-reuse sizes", reuse_sizes.map(|sizes| sizes.to_string())),
             ("ground", (*ground != Ground::None).then(|| variant_name(ground))),
-            ("light-groups", light_groups.as_ref().map(|groups| groups.to_string())),
+            ("light-groups", light_groups.clone().map(String::from)),
         ];
         for (name, value) in with_defaults {
             if let Some(value) = value {
