@@ -51,7 +51,7 @@ pub fn parse<T: Args>(name: &'static str, options: &Options, inputs: &[impl AsRe
 }
 
 /// The first lines of clap's error, which say why.
-pub fn reason(error: &clap::Error) -> String {
+pub(super) fn reason(error: &clap::Error) -> String {
     let text = error.to_string();
     let text = text.strip_prefix("error: ").unwrap_or(&text);
     text.split("\n\n").next().unwrap_or(text).trim_end().to_owned()
