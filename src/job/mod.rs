@@ -10,7 +10,6 @@ mod in_memory;
 mod inputs;
 mod loaded;
 pub mod memory;
-mod names;
 mod output;
 mod request;
 mod scene;

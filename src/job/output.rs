@@ -9,15 +9,15 @@ use super::command::PictureCommand;
 use super::denoise::denoised_elsewhere;
 use super::inputs::Inputs;
 use super::loaded::Loaded;
-use super::names::names;
 use super::request::RenderRequest;
 use super::stats::{Seconds, Stats};
+use crate::film::aov::{MATERIALS, OBJECTS};
 use crate::film::denoise::{DENOISED, Denoiser, denoised_layers};
 use crate::film::exr_file::{CALIBRATION, Header, HeaderValue, WORLD_TO_CAMERA, WORLD_TO_NDC};
-use crate::film::{Background, Look, Picture, colors, exr_file, preview};
+use crate::film::{Aov, Background, Look, Picture, colors, cryptomatte, exr_file, preview};
 use crate::render::checkpoint::{self, Host, json};
 use crate::render::{Identity, Record, Rendered, StopReason, camera};
-use crate::scene::Projection;
+use crate::scene::{Projection, Scene};
 use crate::{Error, Result};
 
 /// Writes the outputs of one render, at each checkpoint and at its end.
@@ -157,6 +157,29 @@ impl<'a> OutputWriter<'a> {
         let seconds = self.seconds.get();
         self.seconds.set(Seconds { write: seconds.write + start.elapsed().as_secs_f64(), ..seconds });
     }
+}
+
+/// Header attributes with the names that these AOVs refer to.
+fn names(scene: &Scene, aovs: &[Aov]) -> Result<Header> {
+    let objects = || scene.instances.iter().map(|instance| instance.name.as_str());
+    let materials = || scene.materials.iter().map(|material| material.name.as_str());
+    let mut header = Header::new();
+    for aov in aovs {
+        match aov {
+            Aov::Object => {
+                header.push(("bismar.objects".into(), json(&objects().collect::<Vec<_>>())?));
+                let categories: Vec<_> = scene.instances.iter().map(|instance| instance.category.as_deref()).collect();
+                if categories.iter().any(Option::is_some) {
+                    header.push(("bismar.categories".into(), json(&categories)?));
+                }
+            }
+            Aov::Material => header.push(("bismar.materials".into(), json(&materials().collect::<Vec<_>>())?)),
+            Aov::CryptoObject => header.extend(cryptomatte::header(OBJECTS, objects())),
+            Aov::CryptoMaterial => header.extend(cryptomatte::header(MATERIALS, materials())),
+            _ => {}
+        }
+    }
+    Ok(header)
 }
 
 /// Writes a PNG from the command's EXR, denoised if requested; returns its exposure in stops.

@@ -4,8 +4,7 @@ use std::collections::BTreeSet;
 
 use serde::{Deserialize, Serialize};
 
-use super::RenderSettings;
-use super::names::{Values, variant_name};
+use super::settings::{RenderSettings, Values, variant_name};
 use crate::color::ColorSpace;
 use crate::rays::Backend;
 

@@ -1,5 +1,6 @@
 //! The settings of a render.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
@@ -8,13 +9,21 @@ use super::Part;
 use super::adaptive::{NOISE_PATHS, NoiseGoal};
 use super::lens::LensSettings;
 use super::light_groups::LightGroups;
-use super::names::{Values, variant_name};
 use super::techniques::{Choice, Choices, Technique};
 use super::tile::Columns;
 use crate::balance::DEFAULT_PILOT_FRACTION;
 pub use crate::balance::{Balance, CustomMethod};
 use crate::integrator::Reuse;
 pub use crate::sampling::PixelFilter;
+
+/// Named values, for comparison.
+pub type Values = BTreeMap<String, String>;
+
+/// The serialised name of a variant: that of files and of the command line.
+pub(super) fn variant_name(variant: &impl Serialize) -> String {
+    let name = serde_json::to_value(variant).ok();
+    name.and_then(|n| n.as_str().map(str::to_owned)).unwrap_or_default()
+}
 
 /// Default maximum bytes of a guiding field and its training samples.
 pub const GUIDING_MEMORY: u64 = 256 << 20;

@@ -561,7 +561,8 @@ impl RenderArgs {
         if self.seed_per_frame == Some(true) && self.frames.is_none() && self.selection.frame.is_none() {
             return Err(Error::Usage("--seed-per-frame needs a frame: --frames or --frame".into()));
         }
-        let velocity = !self.has_all_aovs() && self.aov.0.contains(&Aov::Velocity);
+        // `--aov all` leaves out what cannot be written.
+        let velocity = self.aov.0.len() < Aov::ALL.len() && self.aov.0.contains(&Aov::Velocity);
         self.selection.selection().check(self.is_posed(), velocity, self.rays)?;
         if self.is_sequence() && self.part_flag.is_some_and(|flag| flag.is_auto) {
             return Err(Error::Usage(
@@ -571,11 +572,6 @@ impl RenderArgs {
         }
         self.output.iter().try_for_each(|path| check_ending("-o", path, &["exr"]))?;
         self.preview.iter().try_for_each(|path| check_ending("--preview", path, &preview::ENDINGS))
-    }
-
-    /// Whether `--aov all` was given, which leaves out what cannot be written.
-    fn has_all_aovs(&self) -> bool {
-        self.aov.0.len() == Aov::ALL.len()
     }
 
     fn check_balance(&self) -> Result<()> {
