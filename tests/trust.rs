@@ -41,15 +41,14 @@ fn golden(folder: &Path, command: &str) {
 fn a_header_runs_nothing_writes_nothing_and_reads_nothing_outside() {
     let path = &folder().with("run.sh", "#!/bin/sh\ntouch \"$(dirname \"$0\")/ran\"\n");
     assert!(Command::new("chmod").arg("+x").arg(path.join("run.sh")).status().unwrap().success());
-    // The form of earlier versions.
-    let sizes = r#"["size","12x9"],["spp","2"],["no-env",null],["balance","half"],["max-depth","3"],["seed","7"],["filter","box"]"#;
-    for flag in [r#"["on-checkpoint","./run.sh"],["checkpoint","1e-9"]"#, r#"["stats","s"]"#, r#"["threads","9999"]"#] {
-        golden(path, &format!(r#"{{"scene":"s.glb","flags":[{flag},{sizes}]}}"#));
+    let sizes = r#""size":"12x9","spp":2,"no-env":true,"balance":"half","max-depth":3,"seed":7,"filter":"box""#;
+    for flag in [r#""on-checkpoint":"./run.sh","checkpoint":1e-9"#, r#""stats":"s""#, r#""threads":9999"#] {
+        golden(path, &format!(r#"{{"scene":"s.glb","fields":{{{flag},{sizes}}}}}"#));
         fs::write(path.join("s"), "mine").unwrap();
         expect(path, "check golden.exr", 0);
         assert!(!path.join("ran").exists() && fs::read(path.join("s")).unwrap() == b"mine", "{flag}");
     }
-    golden(path, r#"{"scene":"s.glb","flags":[["no-such-flag","1"]]}"#);
+    golden(path, r#"{"scene":"s.glb","fields":{"no-such-flag":1}}"#);
     assert!(expect(path, "check golden.exr", 65).contains("no-such-flag"));
     // Paths and links that lead out of the folder.
     let other = Folder::new();

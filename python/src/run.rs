@@ -57,7 +57,7 @@ pub fn pool(threads: Option<usize>) -> Result<Arc<ThreadPool>> {
     if let Some(pool) = &*shared {
         return Ok(Arc::clone(pool));
     }
-    let pool = Arc::new(host::pool(bismar::cli::in_memory::default_threads()?)?);
+    let pool = Arc::new(host::pool(host::threads(None)?.0)?);
     *shared = Some(Arc::clone(&pool));
     Ok(pool)
 }

@@ -2,7 +2,6 @@
 
 mod overview;
 mod plan;
-mod sequence;
 mod work;
 mod worker;
 mod worker_pool;
@@ -12,14 +11,14 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use glob::Pattern;
 
+use crate::cli::render::RenderArgs;
 use crate::console::args::threads;
 use crate::console::{Verbosity, Verdict};
 use crate::film::atomic;
 use crate::{Error, Result};
 pub use plan::{plan, read};
-pub use sequence::run as sequence;
 pub use work::Work;
-pub use worker::{WorkerArgs, run as work};
+pub use worker::run as work;
 
 /// Render the jobs of a batch file: scenes, cameras, settings (docs/batch.md).
 ///
@@ -88,6 +87,29 @@ pub fn run(args: &BatchArgs, verbosity: Verbosity) -> Result<Verdict> {
         isolate: args.isolate,
         dry_run: args.dry_run,
         threads: args.threads,
+        ..Work::default()
+    };
+    work.run(jobs, paths, verbosity)
+}
+
+/// Renders the pictures of `bismar render --frames`, `--turntable` or `--cameras` as a batch.
+pub fn sequence(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
+    let (job, folders) = args.sequence()?;
+    atomic::confine(&folders);
+    let file = job.scene.display().to_string();
+    // There is no batch file that could be wrong.
+    let (jobs, paths) = plan(None, vec![job]).map_err(|e| match e {
+        Error::Config(why) => Error::Usage(why),
+        other => other,
+    })?;
+    let work = Work {
+        file,
+        order: jobs.iter().map(|j| j.job.name.clone()).collect(),
+        folders,
+        at_once: 1,
+        threads: args.threads,
+        style: args.progress,
+        signals_from_parent: args.signals_from_parent,
         ..Work::default()
     };
     work.run(jobs, paths, verbosity)

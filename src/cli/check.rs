@@ -12,6 +12,7 @@ use std::time::Instant;
 use clap::Args;
 
 use super::batch::{Work, plan};
+use super::flag_values::has_ending;
 use super::render::command;
 use crate::batch::job::Job;
 use crate::batch::report::{Entry, Status, earlier};
@@ -160,7 +161,7 @@ pub fn pictures(goldens: &[PathBuf]) -> Result<Vec<PathBuf>> {
         }
         let entries = fs::read_dir(path).map_err(|e| Error::reading(path, &e))?;
         let mut found: Vec<_> = entries.flatten().map(|entry| entry.path()).collect();
-        found.retain(|path| path.is_file() && path.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr")));
+        found.retain(|path| path.is_file() && has_ending(path, &["exr"]));
         found.sort();
         if found.is_empty() {
             return Err(Error::Missing(format!("{}: there is no .exr file in this folder", path.display())));

@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
+use super::flag_values::{check_ending, has_ending};
 use crate::console::args::not_negative;
 use crate::console::{Paths, Verdict, print, print_json, say};
 use crate::film::compare::{Comparison, compare, in_common};
@@ -75,10 +76,7 @@ pub fn run(args: &CompareArgs) -> Result<Verdict> {
         [("--diff", &args.diff, &["png", "exr"][..]), ("--page", &args.page, &["html"]), ("--csv", &args.csv, &["csv"])]
     {
         let Some(path) = path else { continue };
-        if !endings.iter().any(|ending| has_extension(path, ending)) && !path.starts_with("/dev") {
-            let endings = endings.iter().map(|ending| format!(".{ending}")).collect::<Vec<_>>().join(" or ");
-            return Err(Error::Usage(format!("{flag} {}: the name must end in {endings}", path.display())));
-        }
+        check_ending(flag, path, endings)?;
         paths.names(flag, path)?;
         atomic::check(path)?;
     }
@@ -154,9 +152,8 @@ fn both(args: &CompareArgs, a: &Path, b: &Path) -> Result<(Comparison, Picture, 
 fn same_names(a: &Path, b: &Path) -> Result<Vec<(PathBuf, PathBuf)>> {
     let names = |folder: &Path| -> Result<BTreeSet<_>> {
         let entries = fs::read_dir(folder).map_err(|e| Error::reading(folder, &e))?;
-        let names = entries.flatten().map(|entry| entry.path()).filter(|path| {
-            path.is_file() && ["exr", "hdr", "png", "jpg", "jpeg"].iter().any(|ending| has_extension(path, ending))
-        });
+        let is_picture = |path: &PathBuf| path.is_file() && has_ending(path, &["exr", "hdr", "png", "jpg", "jpeg"]);
+        let names = entries.flatten().map(|entry| entry.path()).filter(is_picture);
         Ok(names.filter_map(|path| path.file_name().map(ToOwned::to_owned)).collect())
     };
     let (ours, theirs) = (names(a)?, names(b)?);
@@ -202,8 +199,4 @@ fn failures(args: &CompareArgs, comparison: &Comparison) -> Result<Vec<String>> 
         }
     }
     Ok(failures)
-}
-
-fn has_extension(path: &Path, extension: &str) -> bool {
-    path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension))
 }

@@ -1,10 +1,10 @@
 //! `bismar develop IN -o OUT.png`
 
 use std::path::{Path, PathBuf};
-use std::str::FromStr;
 
 use clap::Args;
 
+use crate::cli::flag_values::check_ending;
 use crate::cli::view_args::ViewArgs;
 use crate::console::{Paths, Verbosity, Verdict, say};
 use crate::film::denoise::DENOISED;
@@ -31,7 +31,7 @@ pub struct DevelopArgs {
     /// The sum of the layers of lights, each times a factor, in place of the beauty: a number or R:G:B. Names are those of `render
     /// --light-groups`, or of the kinds of --aov lights; layers without a factor stay as they are. With --layer denoised, of the
     /// denoised layers.
-    #[arg(long, value_name = "NAME=FACTOR,...")]
+    #[arg(long, value_parser = mix, value_name = "NAME=FACTOR,...")]
     mix: Option<Mix>,
 }
 
@@ -39,23 +39,17 @@ pub struct DevelopArgs {
 #[derive(Debug, Clone)]
 struct Mix(Vec<(String, [f32; 3])>);
 
-impl FromStr for Mix {
-    type Err = String;
-
-    fn from_str(text: &str) -> std::result::Result<Self, String> {
-        let item = |item: &str| {
-            let (name, factor) = item.split_once('=')?;
-            let number = |x: &str| x.trim().parse().ok().filter(|x: &f32| x.is_finite() && *x >= 0.0);
-            let numbers = factor.split(':').map(number).collect::<Option<Vec<_>>>()?;
-            let factor = if let [x] = numbers[..] { [x; 3] } else { numbers.try_into().ok()? };
-            Some((name.trim().to_owned(), factor))
-        };
-        let wrong = |text| format!("'{text}' is not NAME=FACTOR with a number of at least 0, or three as R:G:B");
-        text.split(',')
-            .map(|text| item(text).ok_or_else(|| wrong(text)))
-            .collect::<std::result::Result<_, _>>()
-            .map(Self)
-    }
+fn mix(text: &str) -> std::result::Result<Mix, String> {
+    let item = |item: &str| {
+        let (name, factor) = item.split_once('=')?;
+        let number = |x: &str| x.trim().parse().ok().filter(|x: &f32| x.is_finite() && *x >= 0.0);
+        let numbers = factor.split(':').map(number).collect::<Option<Vec<_>>>()?;
+        let factor = if let [x] = numbers[..] { [x; 3] } else { numbers.try_into().ok()? };
+        Some((name.trim().to_owned(), factor))
+    };
+    let wrong = |text| format!("'{text}' is not NAME=FACTOR with a number of at least 0, or three as R:G:B");
+    let items = text.split(',').map(|text| item(text).ok_or_else(|| wrong(text)));
+    items.collect::<std::result::Result<_, _>>().map(Mix)
 }
 
 impl Mix {
@@ -93,9 +87,7 @@ impl Mix {
 
 pub fn run(args: &DevelopArgs, verbosity: Verbosity) -> Result<Verdict> {
     let output = args.output.clone().unwrap_or_else(|| args.input.with_extension("png"));
-    if !preview::has_ending(&output) && !output.starts_with("/dev") {
-        return Err(Error::Usage(format!("-o {}: the name must end in .png, .jpg or .webp", output.display())));
-    }
+    check_ending("-o", &output, &preview::ENDINGS)?;
     let mut paths = Paths::default();
     paths.reads("the picture", &args.input)?;
     args.output.iter().for_each(|output| atomic::named(output));

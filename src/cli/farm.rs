@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf, absolute};
 
 use clap::{Args, Command, Subcommand, ValueEnum, ValueHint};
 
+use super::flag_values::{has_ending, reason};
 use super::render::{self, command};
 use crate::batch::frames::split;
 use crate::batch::job::Job;
@@ -116,7 +117,7 @@ pub fn run(args: &FarmArgs) -> Result<Verdict> {
 }
 
 fn submit(args: &SubmitArgs) -> Result<Verdict> {
-    let is_batch = args.input.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
+    let is_batch = has_ending(&args.input, &["toml"]);
     let renders = match (is_batch, args.flags.is_empty()) {
         (true, true) => renders_of_batch(&args.input, &args.root)?,
         (true, false) => return Err(Error::Usage("a batch file contains its flags: none may follow --".into())),
@@ -171,12 +172,7 @@ fn absolute_flags(command: &Command, flags: Vec<(String, Option<String>)>) -> Re
 fn render_of_scene(args: &SubmitArgs) -> Result<Render> {
     let command = command();
     let line = [OsString::from("render"), args.input.clone().into()].into_iter().chain(args.flags.iter().cloned());
-    let wrong = |e: clap::Error| {
-        let text = e.to_string();
-        let text = text.strip_prefix("error: ").unwrap_or(&text);
-        Error::Usage(format!("after --: {}", text.split("\n\n").next().unwrap_or(text)))
-    };
-    let render = render::read(&command, line).map_err(wrong)?;
+    let render = render::read(&command, line).map_err(|e| Error::Usage(format!("after --: {}", reason(&e))))?;
     render.check()?;
     let mut flags = render.given()?;
     for name in ["part", "resume", "progress", "path-mapping", "on-checkpoint", "led"] {

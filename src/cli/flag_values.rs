@@ -1,12 +1,14 @@
 //! Values of flags that are library types, with the help text of each.
 
+use std::ffi::OsStr;
 use std::path::Path;
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, Command};
 
 use crate::color::ColorSpace;
-use crate::film::{Denoise, View};
+use crate::film::{Denoise, View, preview};
+use crate::job::LightUnit;
 use crate::rays::Backend;
 use crate::render::{BackFaces, Choice, GlassShadows, Ground, Integrator, PixelFilter};
 use crate::{Error, Result};
@@ -35,7 +37,7 @@ pub type Options = [(String, Option<String>)];
 ///
 /// # Errors
 /// [`Error::Usage`] with clap's first lines.
-pub fn parse<T: Args>(name: &'static str, options: &Options, inputs: &[&Path]) -> Result<T> {
+pub fn parse<T: Args>(name: &'static str, options: &Options, inputs: &[impl AsRef<OsStr>]) -> Result<T> {
     let command = T::augment_args(Command::new(name));
     let mut line = vec![name.into()];
     line.extend(options.iter().map(|(name, value)| match value {
@@ -43,13 +45,36 @@ pub fn parse<T: Args>(name: &'static str, options: &Options, inputs: &[&Path]) -
         None => format!("--{name}").into(),
     }));
     line.push("--".into());
-    line.extend(inputs.iter().map(|path| path.as_os_str().to_owned()));
+    line.extend(inputs.iter().map(|path| path.as_ref().to_owned()));
     let parsed = command.try_get_matches_from(line).and_then(|matches| T::from_arg_matches(&matches));
-    parsed.map_err(|e| {
-        let text = e.to_string();
-        let text = text.strip_prefix("error: ").unwrap_or(&text);
-        Error::Usage(text.split("\n\n").next().unwrap_or(text).trim_end().to_owned())
-    })
+    parsed.map_err(|e| Error::Usage(reason(&e)))
+}
+
+/// The first lines of clap's error, which say why.
+pub(super) fn reason(error: &clap::Error) -> String {
+    let text = error.to_string();
+    let text = text.strip_prefix("error: ").unwrap_or(&text);
+    text.split("\n\n").next().unwrap_or(text).trim_end().to_owned()
+}
+
+/// Has a path one of these endings, in any case?
+pub(super) fn has_ending(path: &Path, endings: &[&str]) -> bool {
+    path.extension().is_some_and(|own| endings.iter().any(|ending| own.eq_ignore_ascii_case(ending)))
+}
+
+/// Fails for a path without one of these endings. Devices have none and are allowed, for benchmarks.
+pub(super) fn check_ending(flag: &str, path: &Path, endings: &[&str]) -> Result<()> {
+    if has_ending(path, endings) || path.starts_with("/dev") {
+        return Ok(());
+    }
+    let hint = match (flag, preview::has_ending(path)) {
+        ("-o", true) => {
+            let exr = path.with_extension("exr");
+            format!(": -o {} --preview {} writes both", exr.display(), path.display())
+        }
+        _ => String::new(),
+    };
+    Err(Error::Usage(format!("{flag} {}: the name must end in .{}{hint}", path.display(), endings.join(" or ."))))
 }
 
 /// Implements [`FlagValue`] for types with a list `ALL` and a `name`.
@@ -89,6 +114,10 @@ flag_values! {
     Ground {
         None: "Nothing",
         Shadow: "A plane that shows shadows alone",
+    }
+    LightUnit {
+        Lumen: "Candela and lux, as KHR_lights_punctual defines",
+        Watt: "W/sr and W/m^2, multiplied by 683 lm/W as Blender's exporter does",
     }
     Choice {
         Off: "Never",

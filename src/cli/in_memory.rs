@@ -14,7 +14,7 @@ use super::merge::MergeArgs;
 pub use super::render::request;
 use super::view_args::ViewArgs;
 use crate::Result;
-use crate::console::{Paths, Verbosity, host};
+use crate::console::{Paths, Verbosity};
 use crate::film::{ViewTransform, atomic};
 
 /// `bismar merge`: parts of a picture, or pictures of different seeds.
@@ -22,8 +22,7 @@ use crate::film::{ViewTransform, atomic};
 /// # Errors
 /// Those of the command.
 pub fn merge(options: &Options, parts: &[PathBuf]) -> Result<()> {
-    let parts: Vec<&Path> = parts.iter().map(PathBuf::as_path).collect();
-    let args = parse::<MergeArgs>("merge", options, &parts)?;
+    let args = parse::<MergeArgs>("merge", options, parts)?;
     atomic::command(|| super::merge::run(&args, QUIET).map(drop))
 }
 
@@ -32,8 +31,7 @@ pub fn merge(options: &Options, parts: &[PathBuf]) -> Result<()> {
 /// # Errors
 /// Those of the command.
 pub fn labels(options: &Options, pictures: &[PathBuf]) -> Result<()> {
-    let pictures: Vec<&Path> = pictures.iter().map(PathBuf::as_path).collect();
-    let args = parse::<LabelsArgs>("labels", options, &pictures)?;
+    let args = parse::<LabelsArgs>("labels", options, pictures)?;
     atomic::command(|| super::labels::run(&args, QUIET).map(drop))
 }
 
@@ -53,8 +51,7 @@ pub fn develop(options: &Options, input: &Path) -> Result<()> {
 /// Those of the command; [`Error::Interrupted`](crate::Error::Interrupted) soon after `stop` is raised.
 pub fn look(options: &Options, scenes: &[PathBuf], paths: &mut Paths, stop: &AtomicBool) -> Result<Looked> {
     scenes.iter().try_for_each(|scene| paths.reads("the scene", scene))?;
-    let scenes: Vec<&Path> = scenes.iter().map(PathBuf::as_path).collect();
-    super::look::look(&parse::<LookArgs>("look", options, &scenes)?, paths, stop)
+    super::look::look(&parse::<LookArgs>("look", options, scenes)?, paths, stop)
 }
 
 /// The view transform of these values of `--view` and `--view-space`.
@@ -62,15 +59,7 @@ pub fn look(options: &Options, scenes: &[PathBuf], paths: &mut Paths, stop: &Ato
 /// # Errors
 /// [`Error::Usage`](crate::Error::Usage), and those of reading a LUT.
 pub fn view(options: &Options) -> Result<ViewTransform> {
-    parse::<ViewArgs>("view", options, &[])?.transform()
+    parse::<ViewArgs>("view", options, &[] as &[&Path])?.transform()
 }
 
 const QUIET: Verbosity = Verbosity { quiet: true, verbose: 0, log: crate::console::LogFormat::Text };
-
-/// Number of threads that the command line would take without a flag.
-///
-/// # Errors
-/// Those of [`host::threads`].
-pub fn default_threads() -> Result<usize> {
-    host::threads(None).map(|(threads, _)| threads)
-}

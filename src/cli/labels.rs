@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use serde::Serialize;
+use serde_json::{Value, json};
 
 use self::masks::{Mask, RunLengths, masks};
 use crate::console::{Paths, Verbosity, Verdict, say};
@@ -70,20 +71,6 @@ impl By {
 }
 
 #[derive(Debug, Serialize)]
-struct Image {
-    id: usize,
-    file_name: String,
-    width: usize,
-    height: usize,
-}
-
-#[derive(Debug, Serialize)]
-struct Category {
-    id: usize,
-    name: String,
-}
-
-#[derive(Debug, Serialize)]
 struct Annotation {
     id: usize,
     image_id: usize,
@@ -101,8 +88,8 @@ struct Annotation {
 
 #[derive(Debug, Default, Serialize)]
 struct Coco {
-    images: Vec<Image>,
-    categories: Vec<Category>,
+    images: Vec<Value>,
+    categories: Vec<Value>,
     annotations: Vec<Annotation>,
 }
 
@@ -139,7 +126,8 @@ pub fn run(args: &LabelsArgs, verbosity: Verbosity) -> Result<Verdict> {
         let shown = args.images.as_ref().map_or(picture.clone(), |ending| picture.with_extension(ending));
         let named = shown.strip_prefix(folder).unwrap_or(&shown);
         let id = coco.images.len() + 1;
-        coco.images.push(Image { id, file_name: named.display().to_string(), width, height });
+        let file_name = named.display().to_string();
+        coco.images.push(json!({ "id": id, "file_name": file_name, "width": width, "height": height }));
         for (instance_id, mask) in masks(&ids, [width, height]) {
             let name = names.get(instance_id as usize - 1).cloned().unwrap_or_else(|| instance_id.to_string());
             let stated = stated.get(instance_id as usize - 1).cloned().flatten();
@@ -147,7 +135,7 @@ pub fn run(args: &LabelsArgs, verbosity: Verbosity) -> Result<Verdict> {
             let next = categories.len() + 1;
             let category_id = *categories.entry(category.clone()).or_insert(next);
             if category_id == next {
-                coco.categories.push(Category { id: next, name: category });
+                coco.categories.push(json!({ "id": next, "name": category }));
             }
             let Mask { segmentation, area, bbox } = mask;
             let (annotation, image_id) = (coco.annotations.len() + 1, id);

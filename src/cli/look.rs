@@ -19,8 +19,9 @@ use self::contents::decimal;
 use self::looked::SCHEMA;
 use self::sheet::Sheet;
 use self::shots::{Subject, exposure_of, hash_of};
+use super::flag_values::check_ending;
 use crate::console::{Paths, Signals, Verbosity, Verdict, host, print_json, say};
-use crate::film::atomic;
+use crate::film::{atomic, preview};
 use crate::job::memory;
 use crate::{Error, Result};
 pub use args::LookArgs;
@@ -30,12 +31,8 @@ pub use shots::Shot;
 pub fn run(args: &LookArgs, verbosity: Verbosity) -> Result<Verdict> {
     let output = args.output();
     let mut paths = Paths::default();
-    Sheet::check_name("-o", &output)?;
-    if let Some(page) = args.page.as_ref().filter(|page| !page.starts_with("/dev"))
-        && page.extension().is_none_or(|ending| ending != "html")
-    {
-        return Err(Error::Usage(format!("--page {}: the name must end in .html", page.display())));
-    }
+    check_ending("-o", &output, &preview::ENDINGS)?;
+    args.page.iter().try_for_each(|page| check_ending("--page", page, &["html"]))?;
     [&args.output, &args.page].into_iter().flatten().for_each(|path| atomic::named(path));
     atomic::confine(&[]);
     args.scenes.iter().try_for_each(|scene| paths.reads("the scene", scene))?;

@@ -44,8 +44,9 @@ enum Command {
     Render(Box<render::RenderArgs>),
     Inspect(inspect::InspectArgs),
     Batch(batch::BatchArgs),
+    /// Render the jobs of a message on standard input; started by `bismar batch`.
     #[command(hide = true)]
-    BatchWorker(batch::WorkerArgs),
+    BatchWorker,
     /// Denoise a picture on standard input; started by `bismar render`.
     #[command(hide = true)]
     DenoiseWorker {
@@ -85,12 +86,11 @@ pub fn run() -> ExitCode {
                 if !args.is_sequence() {
                     return render::run(&args, cli.verbosity);
                 }
-                let done = args.sequence().and_then(|sequence| batch::sequence(sequence, cli.verbosity));
-                done.inspect_err(|error| progress::failed(args.progress, error))
+                batch::sequence(&args, cli.verbosity).inspect_err(|error| progress::failed(args.progress, error))
             }
             Command::Inspect(args) => inspect::run(args),
             Command::Batch(args) => batch::run(args, cli.verbosity),
-            Command::BatchWorker(_) => batch::work(),
+            Command::BatchWorker => batch::work(),
             Command::DenoiseWorker { width, height } => job::denoise(*width, *height).map(|()| Verdict::Done),
             Command::Farm(args) => farm::run(args),
             Command::Merge(args) => merge::run(args, cli.verbosity),

@@ -1,7 +1,6 @@
 //! `bismar render SCENE`
 
 mod args;
-mod flags;
 mod replay;
 mod values;
 
@@ -10,16 +9,16 @@ use std::io::stdin;
 use std::path::Path;
 use std::time::Instant;
 
-use clap::parser::ArgMatches;
-use clap::{Args, Command, FromArgMatches};
+use clap::parser::{ArgMatches, ValueSource};
+use clap::{ArgAction, Args, Command, FromArgMatches};
 use tracing::info;
 
-pub use args::{RenderArgs, Sequence};
-pub use flags::given;
+pub use args::RenderArgs;
 
 use super::flag_values::{Options, parse};
 use crate::Result;
 use crate::console::{Paths, Reporter, Signals, Verbosity, Verdict, host, progress, say};
+use crate::farm::utf8;
 use crate::film::atomic;
 use crate::job::{Inputs, Loaded, RenderRequest, Session, memory};
 
@@ -29,24 +28,36 @@ pub fn command() -> Command {
 }
 
 /// Reads a line of flags, the first word being the command's name, with [`command`].
-///
-/// # Errors
-/// clap's.
 pub fn read(
     command: &Command,
     line: impl IntoIterator<Item = OsString>,
 ) -> std::result::Result<RenderArgs, clap::Error> {
-    of_matches(command, &command.clone().try_get_matches_from(line)?)
+    let matches = command.clone().try_get_matches_from(line)?;
+    let mut args = RenderArgs::from_arg_matches(&matches)?;
+    args.given = given(command, &matches).ok();
+    Ok(args)
 }
 
-/// The flags of a line that clap has parsed with [`command`].
+/// Flags of `command` that were given explicitly, to pass on to other processes: without dashes, with their values; `None` for
+/// switches.
 ///
 /// # Errors
-/// clap's.
-pub fn of_matches(command: &Command, matches: &ArgMatches) -> std::result::Result<RenderArgs, clap::Error> {
-    let mut args = RenderArgs::from_arg_matches(matches)?;
-    args.given = given(command, matches).ok();
-    Ok(args)
+/// [`Error::Usage`](crate::Error::Usage) for values that are not UTF-8.
+pub fn given(command: &Command, matches: &ArgMatches) -> Result<Vec<(String, Option<String>)>> {
+    let mut flags = Vec::new();
+    for arg in command.get_arguments() {
+        let (id, Some(name)) = (arg.get_id().as_str(), arg.get_long()) else { continue };
+        if matches.try_contains_id(id).is_err() || matches.value_source(id) != Some(ValueSource::CommandLine) {
+            continue;
+        }
+        let value = match arg.get_action() {
+            ArgAction::SetTrue => None,
+            _ => matches.get_raw(id).and_then(|mut values| values.next()),
+        };
+        let value = value.map(|value| utf8(value.as_ref()).map(str::to_owned)).transpose()?;
+        flags.push((name.to_owned(), value));
+    }
+    Ok(flags)
 }
 
 /// The request by options: names of flags without dashes, and their values.
@@ -101,18 +112,14 @@ fn render(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
             });
             Ok(Ok((loaded.inspect_err(|_| reporter.finish(false))?, inputs)))
         });
-        let (loaded, inputs) = match prepared? {
-            Ok(work) => work,
-            Err(done) => {
-                if !verbosity.quiet {
-                    say(done);
-                }
-                return Ok(Verdict::Done);
+        let done = match prepared? {
+            Ok((loaded, inputs)) => {
+                let session = Session { request: &request, inputs: &inputs, threads, began, replaces: false };
+                let ends = |complete| reporter.finish(complete);
+                session.render(&loaded, &signals.stop, &|p| reporter.update(p), &ends)?
             }
+            Err(done) => done,
         };
-        let session = Session { request: &request, inputs: &inputs, threads, began, replaces: false };
-        let done =
-            session.render(&loaded, &signals.stop, &|p| reporter.update(p), &|complete| reporter.finish(complete))?;
         if !verbosity.quiet {
             say(done);
         }

@@ -32,13 +32,8 @@ impl<'a> Checkpoints<'a> {
 
     /// Call after a checkpoint has been saved.
     pub fn saved(&mut self) {
-        let copy = self.keep.and_then(|keep| match copy(self.output, keep) {
-            Ok(copy) => Some(copy),
-            Err(e) => {
-                warn!("{}: cannot keep a copy of this checkpoint: {e}", self.output.display());
-                None
-            }
-        });
+        let cannot = |e: &io::Error| warn!("{}: cannot keep a copy of this checkpoint: {e}", self.output.display());
+        let copy = self.keep.and_then(|keep| copy(self.output, keep).inspect_err(cannot).ok());
         let Some(program) = self.program else { return };
         // While the program still runs, this checkpoint is skipped.
         if self.running.as_mut().is_some_and(|child| child.try_wait().is_ok_and(|ended| ended.is_none())) {

@@ -40,9 +40,6 @@ pub struct PictureCommand {
     /// Names and values; `true` for switches. Names are those of flags of `bismar render`, without dashes.
     #[serde(default)]
     fields: BTreeMap<String, Value>,
-    /// The same in files of earlier versions.
-    #[serde(skip_serializing, default)]
-    flags: Vec<(String, Option<String>)>,
 }
 
 impl PictureCommand {
@@ -59,7 +56,7 @@ impl PictureCommand {
         if env == Some(None) {
             return None;
         }
-        Some(Self { scene: shared(&request.scene)?, env: env.flatten(), fields, flags: Vec::new() })
+        Some(Self { scene: shared(&request.scene)?, env: env.flatten(), fields })
     }
 
     /// Adds the attribute to a header.
@@ -77,9 +74,7 @@ impl PictureCommand {
     pub fn read(header: &Header) -> Option<Self> {
         text(header, ATTRIBUTE).and_then(|text| serde_json::from_str(text).ok())
     }
-}
 
-impl PictureCommand {
     /// The fields as flags of a job; a name that `is_known` denies is an error. What does not decide what is in the picture is
     /// left out.
     ///
@@ -91,12 +86,11 @@ impl PictureCommand {
             Value::String(text) => Some(text.clone()),
             other => Some(other.to_string()),
         };
-        let fields = self.fields.iter().map(|(name, value)| (name.clone(), text(value)));
-        let all: Vec<_> = fields.chain(self.flags.iter().cloned()).collect();
-        match all.iter().find(|(name, _)| !is_known(name)) {
-            Some((name, _)) => Err(name.clone()),
-            None => Ok(all.into_iter().filter(|(name, _)| is_of_the_picture(name)).collect()),
+        if let Some(unknown) = self.fields.keys().find(|name| !is_known(name)) {
+            return Err(unknown.clone());
         }
+        let own = self.fields.iter().filter(|(name, _)| is_of_the_picture(name));
+        Ok(own.map(|(name, value)| (name.clone(), text(value))).collect())
     }
 }
 

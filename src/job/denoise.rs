@@ -2,7 +2,7 @@
 
 use std::io::{self, Read, Write};
 use std::os::unix::process::ExitStatusExt;
-use std::process::{Child, ChildStdin, ChildStdout, ExitStatus, Stdio};
+use std::process::{Child, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::Duration;
@@ -67,8 +67,11 @@ pub fn denoised_elsewhere(picture: &NoisyPicture, stop: &AtomicBool) -> Result<V
     let mut child = child.map_err(|e| cannot("start", e))?;
     let (input, output, errors) = (child.stdin.take(), child.stdout.take(), child.stderr.take());
     thread::scope(|scope| {
-        scope.spawn(|| send(input, picture));
-        let result = scope.spawn(|| receive(output, pixels));
+        scope.spawn(|| {
+            // Errors are those of a child that has ended, whose status says more.
+            let _ = input.map(|mut to| picture.images.iter().try_for_each(|image| write_image(&mut to, image)));
+        });
+        let result = scope.spawn(|| read_image(&mut output.ok_or(io::ErrorKind::BrokenPipe)?, pixels));
         let said = scope.spawn(|| {
             let mut text = Vec::new();
             let _ = errors.map(|mut errors| errors.read_to_end(&mut text));
@@ -96,17 +99,6 @@ fn failure(status: ExitStatus, said: &str) -> String {
         None if said.is_empty() => format!("--denoise oidn: its process ended early, with {status}"),
         None => said.to_owned(),
     }
-}
-
-/// Errors are those of a child that has ended, whose status says more.
-fn send(to: Option<ChildStdin>, picture: &NoisyPicture) {
-    let Some(mut to) = to else { return };
-    let _ = picture.images.iter().try_for_each(|image| write_image(&mut to, image));
-}
-
-fn receive(from: Option<ChildStdout>, pixels: usize) -> io::Result<Vec<[f32; 3]>> {
-    let Some(mut from) = from else { return Err(io::ErrorKind::BrokenPipe.into()) };
-    read_image(&mut from, pixels)
 }
 
 /// Waits for the child, and kills it when `stop` is raised.

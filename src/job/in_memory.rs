@@ -195,10 +195,7 @@ impl CameraInfo {
             Projection::Panorama => ("panorama", 180.0),
             Projection::Calibrated(of) => of.described(),
         };
-        let calibration = match camera.projection {
-            Projection::Calibrated(of) => Some(of),
-            _ => None,
-        };
+        let calibration = if let Projection::Calibrated(of) = camera.projection { Some(of) } else { None };
         let to_world = glam::Mat4::from(camera.to_world).transpose().as_dmat4().to_cols_array_2d();
         let aspect = camera.aspect.map(f64::from);
         Self { name: camera.name.clone(), projection, vertical, aspect, to_world, calibration }
@@ -345,8 +342,7 @@ impl RenderedPicture {
                 (request.half, request.colorspace) = (half, colorspace);
                 let Self { inputs, loaded, identity, rendered, .. } = self;
                 let with_statistics = resumable || self.is_interrupted();
-                let writer =
-                    OutputWriter::new(&request, inputs, loaded, self.threads, &rendered.settings, identity, resumable)?;
+                let writer = OutputWriter::new(&request, inputs, loaded, self.threads, identity, resumable)?;
                 writer.write_final(rendered, with_statistics, Instant::now(), &AtomicBool::new(false)).map(drop)
             }
             Some(_) if preview::has_ending(path) => {
@@ -385,10 +381,7 @@ impl RenderedPicture {
         let each = || (y0..y1).flat_map(|y| (x0..x1).map(move |x| (x, y)));
         let with_variance = self.layers().contains(&"variance");
         let beauty = beauty(self.rendered.background);
-        let alpha = beauty.get(3).map(|channel| match values(&pixels, std::slice::from_ref(channel)) {
-            Values::Floats(values) => values,
-            Values::Uints(_) => Vec::new(),
-        });
+        let alpha = beauty.get(3).map(|channel| each().map(|(x, y)| channel.float(&pixels, x, y)).collect());
         FilmPicture {
             window: [x0, y0, x1, y1].map(i64::from),
             display: [0, 0, width, height].map(i64::from),

@@ -9,7 +9,6 @@ use super::memory;
 use super::request::RenderRequest;
 use crate::console::Paths;
 use crate::render::default_light::OwnLight;
-use crate::render::identity::{EnvironmentSource, scene_text};
 use crate::render::{Identity, RenderSettings};
 use crate::scene::import::{EnvironmentFile, EnvironmentSize, SceneFiles, Survey};
 use crate::{Error, Result};
@@ -62,16 +61,15 @@ impl Inputs {
         let scene = scene_files.survey();
         let (degrees, strength) = (request.env_rotate, request.env_strength);
         let source = match &environment_file {
-            Some(file) => EnvironmentSource::File { hash: file.hash(), degrees, strength },
-            None if request.no_env => EnvironmentSource::Off,
-            None if request.sky => EnvironmentSource::White { strength },
-            None if request.sunsky.is_some() => {
-                EnvironmentSource::Clear { sky: format!("{:?}", request.sunsky), strength }
-            }
-            None if scene.has_lights => EnvironmentSource::Judged,
-            None => EnvironmentSource::Scene,
+            Some(file) => format!("{} turned {degrees} times {strength}", file.hash()),
+            None if request.no_env => "none".into(),
+            None if request.sky => format!("white times {strength}"),
+            None if request.sunsky.is_some() => format!("{:?} times {strength}", request.sunsky),
+            // The default light is added where they do not light what the camera sees.
+            None if scene.has_lights => "the scene's own, or studio".into(),
+            None => "the scene's own".into(),
         };
-        let environment = (source.text(), environment_file.as_ref().map(EnvironmentFile::size));
+        let environment = (source, environment_file.as_ref().map(EnvironmentFile::size));
         let (scene_files, environment_file) = (Arc::new(scene_files), environment_file.map(Arc::new));
         let files = Mutex::new(Some(Files { scene: scene_files, environment: environment_file }));
         let read_seconds = start.elapsed().as_secs_f64();
@@ -140,7 +138,7 @@ impl Inputs {
 
     /// Identity of a render with these settings: what its pixels depend on.
     pub fn identity(&self, request: &RenderRequest, settings: &RenderSettings) -> Identity {
-        let scene = scene_text(&self.scene.hash, &(request.import_choices() + &request.view_text()));
+        let scene = format!("{}{}{}", self.scene.hash, request.import_choices(), request.view_text());
         Identity::new(&scene, &self.environment.0, request.rays, settings)
     }
 }

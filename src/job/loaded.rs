@@ -6,7 +6,7 @@ use std::time::Instant;
 use tracing::{debug, info, warn};
 
 use super::choose::{self, DEFAULT_SIZE};
-use super::inputs::{Files, Inputs};
+use super::inputs::Inputs;
 use super::memory;
 use super::request::RenderRequest;
 use super::scene::{make_scene, scene_at_rest};
@@ -45,7 +45,7 @@ impl Loaded {
     /// # Errors
     /// Those of the import and of the build; [`Error::Interrupted`](crate::Error::Interrupted) if `building` returns false.
     pub fn load(request: &RenderRequest, inputs: &Inputs, building: Building) -> Result<Self> {
-        Self::load_files(request, inputs, inputs.take(request)?, None, building)
+        Self::load_next(request, inputs, None, false, building)
     }
 
     /// Loads one of several scenes made of the same files. `more`: others will follow. `previous`: the one before, whose
@@ -61,7 +61,46 @@ impl Loaded {
         building: Building,
     ) -> Result<Self> {
         let files = if more { inputs.lend(request) } else { inputs.take(request) }?;
-        Self::load_files(request, inputs, files, previous, building)
+        let start = Instant::now();
+        let at_rest = request.selection.is_posed().then(|| Arc::clone(&files.scene));
+        let scene = Arc::new(make_scene(request, files)?);
+        let read_seconds = inputs.read_seconds + start.elapsed().as_secs_f64();
+        info!("read {} in {read_seconds:.2} s", request.scene.display());
+        check_instances_memory(request, inputs, &scene)?;
+        debug!(
+            "{} objects, {} instances, {} triangles in memory, {} materials, {} textures, {} punctual lights, {} cameras",
+            scene.objects.len(),
+            scene.instances.len(),
+            scene.meshes.iter().map(|mesh| mesh.indices.len()).sum::<usize>(),
+            scene.materials.len(),
+            scene.textures.len(),
+            scene.lights.len(),
+            scene.cameras.len()
+        );
+        let built = Instant::now();
+        let (rays, build_seconds) = match previous.as_ref().and_then(|previous| previous.prepared.rays_of(&scene)) {
+            Some(rays) => {
+                debug!("no geometry has moved: the acceleration structure is reused");
+                (rays, 0.0)
+            }
+            None => {
+                let rays = rays::build_watched(request.rays, Arc::clone(&scene), &|done| {
+                    building(done, built.elapsed().as_secs_f64())
+                })?;
+                let (seconds, backend) = (built.elapsed().as_secs_f64(), rays.info());
+                let mebibytes = backend.memory_bytes as f64 / 2_f64.powi(20);
+                info!(
+                    "built {} {} ({}): {seconds:.2} s, {mebibytes:.1} MiB",
+                    backend.name, backend.version, backend.isa
+                );
+                (rays.into(), seconds)
+            }
+        };
+        let prepared = PreparedScene::after(scene, rays, previous.as_ref().map(|previous| &previous.prepared));
+        let prepared = with_light(request, inputs, at_rest.as_deref(), prepared)?;
+        let prepare_seconds = built.elapsed().as_secs_f64() - build_seconds;
+        debug!("prepared lights and materials: {prepare_seconds:.2} s");
+        Ok(Self { prepared, read_seconds, build_seconds, prepare_seconds })
     }
 
     /// The same scene with the camera of `--orbit`, of a job of `--cameras` or of `--camera panorama` besides the file's;
@@ -82,53 +121,6 @@ impl Loaded {
         };
         let prepared = self.prepared.with_camera(camera);
         Ok(Some(Self { prepared, ..*self }))
-    }
-
-    fn load_files(
-        request: &RenderRequest,
-        inputs: &Inputs,
-        files: Files,
-        previous: Option<Arc<Self>>,
-        building: Building,
-    ) -> Result<Self> {
-        let start = Instant::now();
-        let at_rest = request.selection.is_posed().then(|| Arc::clone(&files.scene));
-        let scene = Arc::new(make_scene(request, files)?);
-        let read_seconds = inputs.read_seconds + start.elapsed().as_secs_f64();
-        info!("read {} in {read_seconds:.2} s", request.scene.display());
-        check_instances_memory(request, inputs, &scene)?;
-        debug!(
-            "{} objects, {} instances, {} triangles in memory, {} materials, {} textures, {} punctual lights, {} cameras",
-            scene.objects.len(),
-            scene.instances.len(),
-            scene.meshes.iter().map(|mesh| mesh.indices.len()).sum::<usize>(),
-            scene.materials.len(),
-            scene.textures.len(),
-            scene.lights.len(),
-            scene.cameras.len()
-        );
-        let built = Instant::now();
-        if let Some(previous) = &previous
-            && let Some(rays) = previous.prepared.rays_of(&scene)
-        {
-            debug!("no geometry has moved: the acceleration structure is reused");
-            let prepared = PreparedScene::after(scene, rays, Some(&previous.prepared));
-            let prepared = with_light(request, inputs, at_rest.as_deref(), prepared)?;
-            let prepare_seconds = built.elapsed().as_secs_f64();
-            return Ok(Self { prepared, read_seconds, build_seconds: 0.0, prepare_seconds });
-        }
-        let rays = rays::build_watched(request.rays, Arc::clone(&scene), &|done| {
-            building(done, built.elapsed().as_secs_f64())
-        })?;
-        let build_seconds = built.elapsed().as_secs_f64();
-        let backend = rays.info();
-        let mebibytes = backend.memory_bytes as f64 / 2_f64.powi(20);
-        info!("built {} {} ({}): {build_seconds:.2} s, {mebibytes:.1} MiB", backend.name, backend.version, backend.isa);
-        let prepared = PreparedScene::after(scene, rays.into(), previous.as_ref().map(|p| &p.prepared));
-        let prepared = with_light(request, inputs, at_rest.as_deref(), prepared)?;
-        let prepare_seconds = built.elapsed().as_secs_f64() - build_seconds;
-        debug!("prepared lights and materials: {prepare_seconds:.2} s");
-        Ok(Self { prepared, read_seconds, build_seconds, prepare_seconds })
     }
 }
 

@@ -164,19 +164,15 @@ fn slurm() -> Result<Option<Limit>> {
         Ok(n) => Ok(n << 20),
         Err(_) => Err(Error::Usage(format!("{name} is '{value}', not a number of MiB"))),
     };
-    if let Some(value) = variable("SLURM_MEM_PER_NODE") {
-        let bytes = mebibytes("SLURM_MEM_PER_NODE", value)?;
-        if bytes > 0 {
-            return Ok(Some((bytes, "SLURM_MEM_PER_NODE")));
-        }
-    } else if let (Some(each), Some(cpus)) = (variable("SLURM_MEM_PER_CPU"), variable("SLURM_CPUS_ON_NODE")) {
-        let cpus: u64 = cpus.trim().parse().unwrap_or(1);
-        let bytes = mebibytes("SLURM_MEM_PER_CPU", each)?.saturating_mul(cpus);
-        if bytes > 0 {
-            return Ok(Some((bytes, "SLURM_MEM_PER_CPU")));
-        }
-    }
-    Ok(None)
+    let (of_node, of_cpu) = ("SLURM_MEM_PER_NODE", "SLURM_MEM_PER_CPU");
+    let limit = if let Some(value) = variable(of_node) {
+        (mebibytes(of_node, value)?, of_node)
+    } else if let (Some(each), Some(cpus)) = (variable(of_cpu), variable("SLURM_CPUS_ON_NODE")) {
+        (mebibytes(of_cpu, each)?.saturating_mul(cpus.trim().parse().unwrap_or(1)), of_cpu)
+    } else {
+        return Ok(None);
+    };
+    Ok(Some(limit).filter(|(bytes, _)| *bytes > 0))
 }
 
 /// Fails if `bytes` exceed the limit.

@@ -1,7 +1,7 @@
 //! Writing the outputs of a render: the EXR with its record, the PNG, the statistics.
 
 use std::cell::{Cell, RefCell};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
@@ -9,15 +9,15 @@ use super::command::PictureCommand;
 use super::denoise::denoised_elsewhere;
 use super::inputs::Inputs;
 use super::loaded::Loaded;
-use super::names::names;
 use super::request::RenderRequest;
 use super::stats::{Seconds, Stats};
+use crate::film::aov::{MATERIALS, OBJECTS};
 use crate::film::denoise::{DENOISED, Denoiser, denoised_layers};
 use crate::film::exr_file::{CALIBRATION, Header, HeaderValue, WORLD_TO_CAMERA, WORLD_TO_NDC};
-use crate::film::{Background, Look, Picture, colors, exr_file, preview};
+use crate::film::{Aov, Background, Look, Picture, colors, cryptomatte, exr_file, preview};
 use crate::render::checkpoint::{self, Host, json};
-use crate::render::{Identity, Record, RenderSettings, Rendered, StopReason, camera};
-use crate::scene::Projection;
+use crate::render::{Identity, Record, Rendered, StopReason, camera};
+use crate::scene::{Projection, Scene};
 use crate::{Error, Result};
 
 /// Writes the outputs of one render, at each checkpoint and at its end.
@@ -26,13 +26,9 @@ pub struct OutputWriter<'a> {
     inputs: &'a Inputs,
     threads: usize,
     loaded: &'a Loaded,
-    settings: &'a RenderSettings,
     identity: &'a Identity,
-    output: PathBuf,
     /// Whether the finished picture holds the state to continue from.
     resumable: bool,
-    /// Whether the finished picture is denoised.
-    denoises: bool,
     /// The denoised layers of the finished picture, row by row.
     denoised: RefCell<Vec<(String, Vec<[f32; 3]>)>>,
     seconds: Cell<Seconds>,
@@ -48,25 +44,12 @@ impl<'a> OutputWriter<'a> {
         inputs: &'a Inputs,
         loaded: &'a Loaded,
         threads: usize,
-        settings: &'a RenderSettings,
         identity: &'a Identity,
         resumable: bool,
     ) -> Result<Self> {
         request.denoise.map(|_| Denoiser::load()).transpose()?;
-        let seconds = loaded.seconds();
-        Ok(Self {
-            request,
-            inputs,
-            threads,
-            loaded,
-            settings,
-            identity,
-            output: request.output.clone(),
-            resumable,
-            denoises: request.denoise.is_some(),
-            denoised: RefCell::default(),
-            seconds: Cell::new(seconds),
-        })
+        let (denoised, seconds) = (RefCell::default(), Cell::new(loaded.seconds()));
+        Ok(Self { request, inputs, threads, loaded, identity, resumable, denoised, seconds })
     }
 
     /// Writes EXR and PNG of a render that continues.
@@ -90,7 +73,7 @@ impl<'a> OutputWriter<'a> {
         began: Instant,
         stop: &AtomicBool,
     ) -> Result<Stats> {
-        if self.denoises && rendered.stop != StopReason::Interrupted {
+        if self.request.denoise.is_some() && rendered.stop != StopReason::Interrupted {
             self.write_picture(rendered, true)?;
             let start = Instant::now();
             let denoised = denoised_layers(&rendered.pixels(), |noisy| denoised_elsewhere(noisy, stop));
@@ -104,7 +87,7 @@ impl<'a> OutputWriter<'a> {
         stats.seconds.write = self.seconds.get().write;
         stats.seconds.total = began.elapsed().as_secs_f64();
         if let Some(path) = &self.request.stats {
-            stats.picture = exr_file::checksum(&self.output)?;
+            stats.picture = exr_file::checksum(&self.request.output)?;
             stats.write(path)?;
         }
         Ok(stats)
@@ -112,7 +95,7 @@ impl<'a> OutputWriter<'a> {
 
     /// The error of a picture that is written, but not denoised.
     fn not_denoised(&self, error: Error) -> Error {
-        let output = self.output.display();
+        let output = self.request.output.display();
         let left =
             format!("{output} is saved with all its paths, not denoised; the same command with --resume denoises it");
         match error {
@@ -132,24 +115,24 @@ impl<'a> OutputWriter<'a> {
         let mut record = Record::new(self.identity, &requested, rendered, Host::of(backend), self.resumable);
         let header = self.header(&stats)?;
         let denoised = self.denoised.borrow();
-        if self.denoises && denoised.is_empty() {
+        if self.request.denoise.is_some() && denoised.is_empty() {
             // `--resume` denoises it.
             record.stop = StopReason::Interrupted;
         }
-        checkpoint::write(&self.output, rendered, &record, header, &denoised, with_statistics)?;
+        checkpoint::write(&self.request.output, rendered, &record, header, &denoised, with_statistics)?;
         self.add_write_seconds(start);
         Ok(stats)
     }
 
     /// Header attributes: statistics, camera matrices, names of objects and materials.
     fn header(&self, stats: &Stats) -> Result<Header> {
-        let scene = &self.loaded.prepared.scene;
+        let (scene, settings) = (&self.loaded.prepared.scene, &self.identity.settings);
         let mut header = stats.header()?;
-        let (to_camera, to_picture) = camera(scene, self.settings).matrices();
+        let (to_camera, to_picture) = camera(scene, settings).matrices();
         header.push((WORLD_TO_CAMERA.into(), HeaderValue::Matrix(to_camera)));
         header.extend(to_picture.map(|matrix| (WORLD_TO_NDC.into(), HeaderValue::Matrix(matrix))));
-        if let Projection::Calibrated(of) = scene.cameras[self.settings.camera].projection {
-            header.push((CALIBRATION.into(), json(&of.scaled(self.settings.width, self.settings.height))?));
+        if let Projection::Calibrated(of) = scene.cameras[settings.camera].projection {
+            header.push((CALIBRATION.into(), json(&of.scaled(settings.width, settings.height))?));
         }
         header.extend(names(scene, &self.request.aovs)?);
         PictureCommand::write(self.request, &mut header)?;
@@ -176,10 +159,30 @@ impl<'a> OutputWriter<'a> {
     }
 }
 
+/// Header attributes with the names that these AOVs refer to.
+fn names(scene: &Scene, aovs: &[Aov]) -> Result<Header> {
+    let objects = || scene.instances.iter().map(|instance| instance.name.as_str());
+    let materials = || scene.materials.iter().map(|material| material.name.as_str());
+    let mut header = Header::new();
+    for aov in aovs {
+        match aov {
+            Aov::Object => {
+                header.push(("bismar.objects".into(), json(&objects().collect::<Vec<_>>())?));
+                let categories: Vec<_> = scene.instances.iter().map(|instance| instance.category.as_deref()).collect();
+                if categories.iter().any(Option::is_some) {
+                    header.push(("bismar.categories".into(), json(&categories)?));
+                }
+            }
+            Aov::Material => header.push(("bismar.materials".into(), json(&materials().collect::<Vec<_>>())?)),
+            Aov::CryptoObject => header.extend(cryptomatte::header(OBJECTS, objects())),
+            Aov::CryptoMaterial => header.extend(cryptomatte::header(MATERIALS, materials())),
+            _ => {}
+        }
+    }
+    Ok(header)
+}
+
 /// Writes a PNG from the command's EXR, denoised if requested; returns its exposure in stops.
-///
-/// # Errors
-/// Those of [`Picture::open`] and [`preview::write_picture`].
 pub fn develop_file(request: &RenderRequest, png: &Path, background: Background, mark: &str) -> Result<f32> {
     let output = &request.output;
     let mut picture = Picture::open(output, None)?;

@@ -154,6 +154,8 @@ pub enum LightUnit {
     Watt,
 }
 
+bismar_scene::named_variants! { LightUnit { Lumen = "lumen", Watt = "watt" } }
+
 impl LightUnit {
     /// Factor on intensities.
     pub fn factor(self) -> f32 {

@@ -19,9 +19,6 @@ fn exporter_hint(generator: Option<&str>) -> &'static str {
 }
 
 /// Imports the scene as it is at rest, for the first pass that measures its own light; without a warning.
-///
-/// # Errors
-/// Those of the import.
 pub fn scene_at_rest(request: &RenderRequest, files: &SceneFiles) -> Result<Scene> {
     let mut scene = files.import(&request.selection.at_rest().options(false, false))?.scene;
     apply_flags(request, &mut scene);
@@ -45,9 +42,6 @@ fn apply_flags(request: &RenderRequest, scene: &mut Scene) {
 }
 
 /// Imports the scene.
-///
-/// # Errors
-/// Those of the import and of the environment map.
 pub fn make_scene(request: &RenderRequest, files: Files) -> Result<Scene> {
     let imported = files.scene.import(&request.import_options())?;
     drop(files.scene);

@@ -201,7 +201,7 @@ impl Session<'_> {
         let (resumed, was_resumable) = self.resume(&identity, loaded)?.unzip();
         let resumable = was_resumable == Some(true) || request.checkpoint.is_some();
         let paths_before = resumed.as_ref().map_or(0, |saved| saved.stats.paths);
-        let writer = OutputWriter::new(request, self.inputs, loaded, self.threads, &settings, &identity, resumable)?;
+        let writer = OutputWriter::new(request, self.inputs, loaded, self.threads, &identity, resumable)?;
         let mut checkpoints = Checkpoints::new(output, request.keep, request.on_checkpoint.as_deref());
         let rendered = {
             let mut save = |rendered: &Rendered| match writer.checkpoint(rendered) {

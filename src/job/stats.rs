@@ -49,7 +49,8 @@ pub struct Stats {
     not_finite: NotFinite,
     /// Wall seconds by phase.
     pub seconds: Seconds,
-    rays: Rays,
+    /// By kind.
+    rays: Value,
     mpaths_per_second: f64,
     mrays_per_second: f64,
     /// Thread seconds inside ray queries, summed over all threads.
@@ -87,12 +88,13 @@ pub fn write_again(path: &Path, header: &Header, checksum: &str) -> Result<()> {
     let mut stats =
         stats.ok_or_else(|| Error::Data(format!("{}: {HEADER_ATTRIBUTE} is no JSON object", path.display())))?;
     stats["picture"] = checksum.into();
-    write(path, &stats)
+    write_json(path, &stats)
 }
 
-fn write(path: &Path, stats: &impl Serialize) -> Result<()> {
+/// Writes a file of indented JSON.
+pub(crate) fn write_json(path: &Path, value: &impl Serialize) -> Result<()> {
     atomic::write(path, |file| {
-        serde_json::to_writer_pretty(&mut *file, stats)?;
+        serde_json::to_writer_pretty(&mut *file, value)?;
         std::io::Write::write_all(file, b"\n")?;
         Ok(Ok(()))
     })
@@ -139,15 +141,6 @@ struct Backend {
     memory_bytes: u64,
 }
 
-#[derive(Debug, Clone, Copy, Serialize)]
-struct Rays {
-    camera: u64,
-    first_bounce: u64,
-    later_bounce: u64,
-    shadow: u64,
-    total: u64,
-}
-
 /// File name without its folder.
 pub fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
@@ -164,6 +157,7 @@ impl Stats {
         seconds: Seconds,
     ) -> Self {
         let Rendered { settings, stats, .. } = rendered;
+        let BackendInfo { name, version, isa, build_seconds, memory_bytes, .. } = backend.clone();
         let mega_per_second = |count: u64| count as f64 / stats.render_seconds.max(1e-9) / 1e6;
         Self {
             schema: SCHEMA,
@@ -176,13 +170,7 @@ impl Stats {
                 strength: e.strength,
             }),
             settings: settings.clone(),
-            backend: Backend {
-                name: backend.name,
-                version: backend.version.clone(),
-                isa: backend.isa.clone(),
-                build_seconds: backend.build_seconds,
-                memory_bytes: backend.memory_bytes,
-            },
+            backend: Backend { name, version, isa, build_seconds, memory_bytes },
             threads,
             stop: rendered.stop,
             exposure: 0.0,
@@ -195,13 +183,13 @@ impl Stats {
             fireflies: Fireflies::of(rendered),
             not_finite: NotFinite { count: stats.not_finite, first: stats.first_not_finite },
             seconds,
-            rays: Rays {
-                camera: stats.camera_rays,
-                first_bounce: stats.first_bounce_rays,
-                later_bounce: stats.later_bounce_rays,
-                shadow: stats.shadow_rays,
-                total: stats.rays(),
-            },
+            rays: serde_json::json!({
+                "camera": stats.camera_rays,
+                "first_bounce": stats.first_bounce_rays,
+                "later_bounce": stats.later_bounce_rays,
+                "shadow": stats.shadow_rays,
+                "total": stats.rays(),
+            }),
             mpaths_per_second: mega_per_second(stats.paths),
             mrays_per_second: mega_per_second(stats.rays()),
             ray_query_seconds: stats.ray_query_seconds,
@@ -243,7 +231,7 @@ impl Stats {
     /// Those of [`atomic::write`].
     pub fn write(&mut self, path: &Path) -> Result<()> {
         self.peak_memory_bytes = host::peak_memory_bytes();
-        write(path, self)
+        write_json(path, self)
     }
 
     /// One line of text: paths per pixel, seconds, noise, speed, and how to replay the brightest firefly.

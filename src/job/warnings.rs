@@ -4,8 +4,7 @@ use std::path::Path;
 
 use tracing::warn;
 
-use super::request::LightUnit;
-use super::request::RenderRequest;
+use super::request::{LightUnit, RenderRequest};
 use crate::color::luminance;
 use crate::integrator::PreparedScene;
 use crate::rays::BackendInfo;

@@ -7,15 +7,12 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::build_info::BuildInfo;
-use super::goals;
-use super::goals::Goal;
-use super::identity::Identity;
-use super::identity::RequestedOutputs;
-use super::names::variant_name;
+use super::goals::{self, Goal};
+use super::identity::{Identity, RequestedOutputs};
 use super::part::Part;
 use super::rendered::{Rendered, Samples, paths_range, tile_positions};
 use super::scheduler;
-use super::settings::RenderSettings;
+use super::settings::{RenderSettings, variant_name};
 use super::stats::{RenderStats, StopReason};
 use super::techniques::{Choice, Technique};
 use super::tile::{TILE, Tile};

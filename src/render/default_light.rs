@@ -38,7 +38,7 @@ const MIN_SURFACES: f64 = 0.02;
 const MIN_LIT: f64 = 0.1;
 
 /// What the first pass has found.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct OwnLight {
     /// Pixels that show a surface.
     pub covered: u32,
@@ -89,7 +89,7 @@ pub fn own_light(scene: &PreparedScene, camera: usize, shown: &RenderSettings) -
         let aovs =
             Aovs { sums: &mut [], extras: &mut extras, groups: &mut [], indirect: &mut [], columns: &mut columns };
         wave.run(&transport, &tasks, &mut (PixelSums::new(&mut stats), Some(aovs), None::<Contributions>));
-        let mut found = OwnLight { covered: 0, surfaces: 0, lit: 0 };
+        let mut found = OwnLight::default();
         for (stats, extras) in stats.iter().zip(&extras).filter(|(stats, _)| 2 * stats.covered >= PATHS) {
             let all = Vec3::from(stats.sum.map(|x| x as f32));
             let [all, emitted] = [all, extras.emission.into()].map(|sum| luminance(sum) / PATHS as f32);
@@ -100,10 +100,9 @@ pub fn own_light(scene: &PreparedScene, camera: usize, shown: &RenderSettings) -
         }
         found
     };
-    let none = OwnLight { covered: 0, surfaces: 0, lit: 0 };
     // It takes a few milliseconds: nobody stops it.
     let tiles = in_tiles(size, &AtomicBool::new(false), of_tile).unwrap_or_default();
-    tiles.into_iter().fold(none, |all, tile| OwnLight {
+    tiles.into_iter().fold(OwnLight::default(), |all, tile| OwnLight {
         covered: all.covered + tile.covered,
         surfaces: all.surfaces + tile.surfaces,
         lit: all.lit + tile.lit,

@@ -319,13 +319,10 @@ impl Driver<'_> {
     fn trace(&self, rendered: &mut Rendered, pass: &Pass, pause: f64) -> std::result::Result<(), StopReason> {
         let Self { settings, transport, clock, .. } = self;
         let Rendered { tiles, stats, .. } = rendered;
-        let since_start = clock.start.elapsed().as_secs_f64();
-        let seconds = clock.seconds();
         let meter = PassProgress {
             settings,
             start: clock.start,
-            before: seconds - since_start,
-            deadline: settings.time.map(|limit| limit - seconds + since_start),
+            before: clock.seconds() - clock.start.elapsed().as_secs_f64(),
             pause,
             stop: self.stop,
             rays: AtomicU64::new(stats.rays()),

@@ -4,8 +4,7 @@ use std::collections::BTreeSet;
 
 use serde::{Deserialize, Serialize};
 
-use super::RenderSettings;
-use super::names::{Values, variant_name};
+use super::settings::{RenderSettings, Values, variant_name};
 use crate::color::ColorSpace;
 use crate::rays::Backend;
 
@@ -14,67 +13,14 @@ use crate::rays::Backend;
 pub struct Identity {
     /// Version of bismar.
     pub version: String,
-    /// Text that tells the scene's content from others ([`scene_text`]).
+    /// Text that tells the scene's content from others: the hash of its files, and what was chosen when it was imported.
     pub scene: String,
-    /// Text that tells the environment's content from others ([`EnvironmentSource`]).
+    /// Text that tells the environment's content from others.
     pub environment: String,
     /// The ray library.
     pub rays: Backend,
     /// The requested settings, with their stop rules.
     pub settings: RenderSettings,
-}
-
-/// The text that identifies a scene: the hash of its files, and `choices` that were made when it was imported, empty for
-/// the default ones.
-pub fn scene_text(hash: &str, choices: &str) -> String {
-    format!("{hash}{choices}")
-}
-
-/// Where the environment comes from.
-#[derive(Debug, Clone)]
-pub enum EnvironmentSource {
-    /// A file with this hash, rotated about the vertical axis.
-    File {
-        /// Hash of its bytes.
-        hash: String,
-        /// Rotation in degrees.
-        degrees: f32,
-        /// Factor of its radiance.
-        strength: f32,
-    },
-    /// White from everywhere, with this radiance.
-    White {
-        /// Factor of its radiance.
-        strength: f32,
-    },
-    /// A clear sky with its sun.
-    Clear {
-        /// Its parameters.
-        sky: String,
-        /// Factor of its radiance.
-        strength: f32,
-    },
-    /// What the scene's file contains.
-    Scene,
-    /// The same for a file with lights: the default light is added where they do not light what the camera sees
-    /// ([`default_light`](super::default_light)).
-    Judged,
-    /// None, whatever the scene's file contains.
-    Off,
-}
-
-impl EnvironmentSource {
-    /// The text that identifies the environment.
-    pub fn text(&self) -> String {
-        match self {
-            Self::File { hash, degrees, strength } => format!("{hash} turned {degrees} times {strength}"),
-            Self::White { strength } => format!("white times {strength}"),
-            Self::Clear { sky, strength } => format!("{sky} times {strength}"),
-            Self::Scene => "the scene's own".into(),
-            Self::Judged => "the scene's own, or studio".into(),
-            Self::Off => "none".into(),
-        }
-    }
 }
 
 /// The outputs that a command requests and its view, which become settings once the scene is loaded.

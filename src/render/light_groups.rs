@@ -1,7 +1,6 @@
 //! Groups of lights by name or by kind, by which layers divide the beauty.
 
 use std::collections::BTreeSet;
-use std::fmt;
 use std::str::FromStr;
 use std::sync::Arc;
 
@@ -73,12 +72,6 @@ impl TryFrom<String> for LightGroups {
 impl From<LightGroups> for String {
     fn from(groups: LightGroups) -> Self {
         groups.text
-    }
-}
-
-impl fmt::Display for LightGroups {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.write_str(&self.text)
     }
 }
 

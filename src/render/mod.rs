@@ -18,7 +18,6 @@ pub mod identity;
 pub mod lens;
 pub mod light_groups;
 pub mod merge;
-mod names;
 pub mod part;
 mod pixels;
 pub mod prepass;

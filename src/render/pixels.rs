@@ -7,11 +7,7 @@ use crate::film::{AovSums, Background, ExtraSums, PixelStats, Pixels};
 
 /// The window's pixels, read from tiles. Pixels without a tile have no samples.
 pub struct TilePixels<'a> {
-    size: [u32; 2],
-    window: [u32; 4],
-    aovs: bool,
-    extras: bool,
-    groups: &'a [String],
+    settings: &'a RenderSettings,
     background: Background,
     /// Tiles per row of `tiles`.
     columns: u32,
@@ -22,54 +18,52 @@ pub struct TilePixels<'a> {
 impl<'a> TilePixels<'a> {
     /// The pixels of tiles of a render with these settings, in any order.
     pub fn new(tiles: &'a [Tile], settings: &'a RenderSettings, background: Background) -> Self {
-        let window @ [x0, y0, x1, y1] = settings.window();
+        let [x0, y0, x1, y1] = settings.window();
         let (columns, rows) = (x1.div_ceil(TILE) - x0 / TILE, y1.div_ceil(TILE) - y0 / TILE);
         let mut grid = vec![None; (columns * rows) as usize];
         for tile in tiles {
             let [x, y] = tile.grid_position();
             grid[((y - y0 / TILE) * columns + (x - x0 / TILE)) as usize] = Some(tile);
         }
-        let (size, aovs, extras) = ([settings.width, settings.height], settings.aovs, settings.extras);
-        let groups = settings.light_groups.as_ref().map_or(&[][..], LightGroups::names);
-        Self { size, window, aovs, extras, groups, background, columns, tiles: grid }
+        Self { settings, background, columns, tiles: grid }
     }
 }
 
 impl TilePixels<'_> {
     /// The tile of a pixel, and the pixel's index in it.
     fn locate(&self, x: u32, y: u32) -> Option<(&Tile, usize)> {
-        let [x0, y0, ..] = self.window;
+        let [x0, y0, ..] = self.window();
         let (column, row) = (x / TILE, y / TILE);
         let tile = self.tiles[((row - y0 / TILE) * self.columns + (column - x0 / TILE)) as usize]?;
-        let width = TILE.min(self.size[0] - column * TILE);
+        let width = TILE.min(self.settings.width - column * TILE);
         Some((tile, ((y % TILE) * width + x % TILE) as usize))
     }
 }
 
 impl Pixels for TilePixels<'_> {
     fn size(&self) -> [u32; 2] {
-        self.size
+        [self.settings.width, self.settings.height]
     }
 
     fn window(&self) -> [u32; 4] {
-        self.window
+        self.settings.window()
     }
 
     fn has_aovs(&self) -> bool {
-        self.aovs
+        self.settings.aovs
     }
 
     fn extras(&self, x: u32, y: u32) -> Option<ExtraSums> {
-        let no_tile = self.extras.then(ExtraSums::default);
+        let no_tile = self.settings.extras.then(ExtraSums::default);
         self.locate(x, y).map_or(no_tile, |(tile, i)| tile.extras.get(i).copied())
     }
 
     fn light_groups(&self) -> &[String] {
-        self.groups
+        self.settings.light_groups.as_ref().map_or(&[][..], LightGroups::names)
     }
 
     fn light(&self, x: u32, y: u32, group: usize) -> [f32; 3] {
-        let of = |(tile, i): (&Tile, usize)| tile.groups.get(i * self.groups.len() + group).copied();
+        let of = |(tile, i): (&Tile, usize)| tile.groups.get(i * self.light_groups().len() + group).copied();
         self.locate(x, y).and_then(of).unwrap_or_default()
     }
 

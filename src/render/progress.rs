@@ -37,7 +37,6 @@ pub(super) struct PassProgress<'a> {
     pub start: Instant,
     /// Seconds that the time limit counts in addition to those since `start`.
     pub before: f64,
-    pub deadline: Option<f64>,
     /// When a pause is due.
     pub pause: f64,
     pub stop: &'a AtomicBool,
@@ -61,7 +60,8 @@ impl PassProgress<'_> {
         let seconds = self.start.elapsed().as_secs_f64();
         // At least one tile between pauses, so that the render advances.
         let pause = seconds > self.pause && self.tiles.load(Ordering::Relaxed) > 0;
-        pause || self.stop.load(Ordering::Relaxed) || self.deadline.is_some_and(|d| seconds > d)
+        let is_over = self.settings.time.is_some_and(|limit| self.before + seconds > limit);
+        pause || self.stop.load(Ordering::Relaxed) || is_over
     }
 
     /// Adds a tile's work.

@@ -214,7 +214,12 @@ impl Sampler for TileSampler<'_> {
     }
 
     fn cost(&self) -> Cost {
-        cost(&self.buffers.tracer.wave.counts)
+        let rays = &self.buffers.tracer.wave.counts;
+        // A light sample at the first surface is at most one shadow ray; all other rays follow from BSDF samples.
+        let light = rays.shadow_rays.min(rays.camera_rays);
+        let bsdf = rays.first_bounce_rays + rays.later_bounce_rays + rays.shadow_rays - light;
+        let all = rays.camera_rays.max(1) as f32;
+        Cost { fixed: 1.0, light: light as f32 / all, bsdf: bsdf as f32 / all }
     }
 }
 
@@ -348,15 +353,6 @@ fn reweight(tile: &mut Tile, pilot: &Pilot, total: &[Counts]) {
             }
         }
     }
-}
-
-/// Cost of paths with one sample of each technique at the first surface, in rays.
-fn cost(rays: &WaveCounts) -> Cost {
-    // A light sample at the first surface is at most one shadow ray; all other rays follow from BSDF samples.
-    let light = rays.shadow_rays.min(rays.camera_rays);
-    let bsdf = rays.first_bounce_rays + rays.later_bounce_rays + rays.shadow_rays - light;
-    let all = rays.camera_rays.max(1) as f32;
-    Cost { fixed: 1.0, light: light as f32 / all, bsdf: bsdf as f32 / all }
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@ use super::{RenderSettings, StopReason};
 use crate::balance::method::{EARLY_PATHS, pass_within_goal};
 
 /// Progress of a render.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub struct State {
     /// Minimum paths per pixel of the unfinished tiles.
     pub done: u32,
@@ -155,17 +155,7 @@ mod tests {
     }
 
     fn after(done: u32) -> State {
-        State {
-            done,
-            ahead: done,
-            goal: None,
-            passes: 0,
-            max_passes: None,
-            clean: false,
-            seconds: 1.0,
-            render_seconds: 1.0,
-            stopped: false,
-        }
+        State { done, ahead: done, seconds: 1.0, render_seconds: 1.0, ..State::default() }
     }
 
     #[test]

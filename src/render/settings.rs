@@ -1,5 +1,6 @@
 //! The settings of a render.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
@@ -8,13 +9,21 @@ use super::Part;
 use super::adaptive::{NOISE_PATHS, NoiseGoal};
 use super::lens::LensSettings;
 use super::light_groups::LightGroups;
-use super::names::{Values, variant_name};
 use super::techniques::{Choice, Choices, Technique};
 use super::tile::Columns;
 use crate::balance::DEFAULT_PILOT_FRACTION;
 pub use crate::balance::{Balance, CustomMethod};
 use crate::integrator::Reuse;
 pub use crate::sampling::PixelFilter;
+
+/// Named values, for comparison.
+pub type Values = BTreeMap<String, String>;
+
+/// The serialised name of a variant: that of files and of the command line.
+pub(super) fn variant_name(variant: &impl Serialize) -> String {
+    let name = serde_json::to_value(variant).ok();
+    name.and_then(|n| n.as_str().map(str::to_owned)).unwrap_or_default()
+}
 
 /// Default maximum bytes of a guiding field and its training samples.
 pub const GUIDING_MEMORY: u64 = 256 << 20;
@@ -68,12 +77,6 @@ pub enum GlassShadows {
 }
 
 bismar_scene::named_variants! { GlassShadows { Off = "off", Straight = "straight" } }
-
-impl GlassShadows {
-    fn is_off(&self) -> bool {
-        *self == Self::Off
-    }
-}
 
 /// What lies below the scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -146,7 +149,7 @@ pub struct RenderSettings {
     #[serde(default = "BackFaces::before", skip_serializing_if = "BackFaces::is_before")]
     pub back_faces: BackFaces,
     /// What shadow rays do at bodies of smooth glass.
-    #[serde(default, skip_serializing_if = "GlassShadows::is_off")]
+    #[serde(default, skip_serializing_if = "is_default")]
     pub glass_shadows: GlassShadows,
     /// Sizes of groups where path re-use is on; `None`: the usual ones.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -249,36 +252,23 @@ impl RenderSettings {
         insert("filter", variant_name(filter));
         insert("seed", seed.to_string());
         insert("sums for AOVs", aovs.to_string());
-        for (name, limit) in [("clamp-direct", clamp_direct), ("clamp-indirect", clamp_indirect)] {
-            if let Some(limit) = limit {
-                insert(name, limit.to_string());
+        let with_defaults = [
+            ("clamp-direct", clamp_direct.map(|limit| limit.to_string())),
+            ("clamp-indirect", clamp_indirect.map(|limit| limit.to_string())),
+            ("more sums for AOVs", extras.then(|| "true".into())),
+            ("transparent", transparent.then(|| "true".into())),
+            ("lens", lens.map(|lens| lens.to_string())),
+            ("clip", (!*clip).then(|| "false".into())),
+            ("back-faces", (*back_faces != BackFaces::Show).then(|| variant_name(back_faces))),
+            ("glass-shadows", (*glass_shadows != GlassShadows::Off).then(|| variant_name(glass_shadows))),
+            ("path-reuse sizes", reuse_sizes.map(|sizes| sizes.to_string())),
+            ("ground", (*ground != Ground::None).then(|| variant_name(ground))),
+            ("light-groups", light_groups.clone().map(String::from)),
+        ];
+        for (name, value) in with_defaults {
+            if let Some(value) = value {
+                insert(name, value);
             }
-        }
-        for (name, is_on) in [("more sums for AOVs", extras), ("transparent", transparent)] {
-            if *is_on {
-                insert(name, "true".into());
-            }
-        }
-        if let Some(lens) = lens {
-            insert("lens", lens.to_string());
-        }
-        if !*clip {
-            insert("clip", "false".into());
-        }
-        if *back_faces != BackFaces::Show {
-            insert("back-faces", variant_name(back_faces));
-        }
-        if *glass_shadows != GlassShadows::Off {
-            insert("glass-shadows", variant_name(glass_shadows));
-        }
-        if let Some(sizes) = reuse_sizes {
-            insert("path-reuse sizes", sizes.to_string());
-        }
-        if *ground != Ground::None {
-            insert("ground", variant_name(ground));
-        }
-        if let Some(groups) = light_groups {
-            insert("light-groups", groups.to_string());
         }
         // The rules, not what they led to: that follows from them. Left out where earlier builds had no choice.
         for (technique, choice) in techniques.named() {

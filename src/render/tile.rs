@@ -162,10 +162,12 @@ impl Tile {
         self.waves.paths += other.waves.paths;
     }
 
-    /// Bytes of memory per pixel with these columns.
-    pub fn bytes_per_pixel(columns: Columns) -> usize {
+    /// Estimated bytes of memory of the tiles of so many pixels with these columns.
+    pub fn memory_bytes(pixels: u64, columns: Columns) -> u64 {
+        /// Memory per byte of tile data: 1.104 and 1.073 as measured between pictures of 0.5, 2 and 8 million pixels.
+        const OVERHEAD: f64 = 1.085;
         let column = |there: bool, bytes: usize| if there { bytes } else { 0 };
-        size_of::<TilePixel>()
+        let per_pixel = size_of::<TilePixel>()
             + size_of::<PixelStats>()
             + size_of::<Shares>()
             + size_of::<Peak>()
@@ -173,14 +175,8 @@ impl Tile {
             + column(columns.aovs, size_of::<AovSums>())
             + column(columns.extras, size_of::<ExtraSums>())
             + column(columns.ground, size_of::<GroundSums>())
-            + columns.groups * size_of::<[f32; 3]>()
-    }
-
-    /// Estimated bytes of memory of the tiles of so many pixels with these columns.
-    pub fn memory_bytes(pixels: u64, columns: Columns) -> u64 {
-        /// Memory per byte of tile data: 1.104 and 1.073 as measured between pictures of 0.5, 2 and 8 million pixels.
-        const OVERHEAD: f64 = 1.085;
-        (pixels as f64 * Self::bytes_per_pixel(columns) as f64 * OVERHEAD) as u64
+            + columns.groups * size_of::<[f32; 3]>();
+        (pixels as f64 * per_pixel as f64 * OVERHEAD) as u64
     }
 
     /// Its column and row in the picture's grid of tiles.

@@ -11,17 +11,6 @@ fn check(holds: bool, why: impl FnOnce() -> String) -> Result<()> {
     if holds { Ok(()) } else { Err(Error::Usage(why())) }
 }
 
-fn check_positive(name: &str, value: Option<f64>) -> Result<()> {
-    let holds = value.is_none_or(|x| x.is_finite() && x > 0.0);
-    check(holds, || format!("{name} is {}: it must be finite and above 0", value.unwrap_or_default()))
-}
-
-fn check_at_least(name: &str, value: Option<u32>, min: u32) -> Result<()> {
-    check(value.is_none_or(|n| n >= min), || {
-        format!("{name} is {}: it must be at least {min}", value.unwrap_or_default())
-    })
-}
-
 impl RenderSettings {
     /// Checks that `scene` can be rendered with these settings.
     ///
@@ -31,7 +20,8 @@ impl RenderSettings {
     /// positive and finite; a pilot's fraction out of (0, 1); `second-order` without `spp`; a lens without an opening; a
     /// part that does not exist.
     pub fn validate(&self, scene: &Scene) -> Result<()> {
-        let Self { camera, width, height, pilot, .. } = *self;
+        let Self { camera, width, height, max_depth, spp, min_spp, pilot, .. } = *self;
+        let Self { time, noise, clamp_direct, clamp_indirect, .. } = *self;
         let cameras = scene.cameras.len();
         check(camera < cameras, || format!("camera {camera} does not exist: the scene has {cameras}, counted from 0"))?;
         check([width, height].iter().all(|n| (1..=MAX_SIDE).contains(n)), || {
@@ -43,17 +33,20 @@ impl RenderSettings {
                 format!("the crop window {x0},{y0},{x1},{y1} is not inside the picture of {width}x{height} pixels")
             })?;
         }
-        check_at_least("max_depth", Some(self.max_depth), 1)?;
-        check_at_least("spp", self.spp, 1)?;
-        check_at_least("min_spp", self.min_spp, 2)?;
-        check_positive("time", self.time)?;
-        check_positive("noise", self.noise)?;
-        check_positive("clamp_direct", self.clamp_direct)?;
-        check_positive("clamp_indirect", self.clamp_indirect)?;
+        for (name, value, min) in [("max_depth", Some(max_depth), 1), ("spp", spp, 1), ("min_spp", min_spp, 2)] {
+            let holds = value.is_none_or(|n| n >= min);
+            check(holds, || format!("{name} is {}: it must be at least {min}", value.unwrap_or_default()))?;
+        }
+        for (name, value) in
+            [("time", time), ("noise", noise), ("clamp_direct", clamp_direct), ("clamp_indirect", clamp_indirect)]
+        {
+            let holds = value.is_none_or(|x| x.is_finite() && x > 0.0);
+            check(holds, || format!("{name} is {}: it must be finite and above 0", value.unwrap_or_default()))?;
+        }
         check(pilot.is_none_or(|pilot| pilot > 0.0 && pilot < 1.0), || {
             format!("pilot is {}: it must be between 0 and 1, both excluded", pilot.unwrap_or_default())
         })?;
-        check(self.spp.is_some() || !self.balance.method().needs_goal(), || {
+        check(spp.is_some() || !self.balance.method().needs_goal(), || {
             let name = self.balance.name();
             format!(
                 "{name} needs spp: its pilot is a fraction of all samples, so their number must be known beforehand"

@@ -10,6 +10,7 @@ use clap::{ArgAction, Command, ValueHint};
 use crate::batch::file::{self, Flag};
 use crate::batch::frames::split;
 use crate::batch::job::Job;
+use crate::cli::flag_values::reason;
 use crate::cli::render::{self, command};
 use crate::console::Paths;
 use crate::job::RenderRequest;
@@ -93,8 +94,6 @@ pub fn plan(file: Option<&Path>, jobs: Vec<Job>) -> Result<(Vec<Planned>, Paths)
 
 /// Error about a job, with its line and column in the file.
 fn job_error(file: Option<&Path>, job: &Job, key: Option<&str>, why: &str) -> Error {
-    let why = why.strip_prefix("error: ").unwrap_or(why);
-    let why = why.split("\n\n").next().unwrap_or(why);
     Error::Config(match file {
         Some(file) => format!("{}: job '{}': {why}", job.location.text(file, key), job.name),
         None => why.into(),
@@ -115,7 +114,7 @@ pub fn parse_flags(file: Option<&Path>, command: &Command, job: Job) -> Result<P
             _ => None,
         };
         let key = named.map(|arg| arg.trim_start_matches('-').split([' ', '=']).next().unwrap_or(arg).to_owned());
-        job_error(file, &job, key.as_deref(), &e.to_string())
+        job_error(file, &job, key.as_deref(), &reason(&e))
     })?;
     args.output = Some(job.output.clone());
     args.resume = true;

@@ -21,7 +21,7 @@ use crate::console::progress::Style;
 use crate::console::{Paths, Signals, Verbosity, Verdict, host, print, say};
 use crate::farm::slurm::quoted;
 use crate::film::atomic;
-use crate::job::{Inputs, Session};
+use crate::job::{Inputs, Session, write_json};
 use crate::render::checkpoint::Earlier;
 use crate::{Error, Result};
 
@@ -136,12 +136,7 @@ impl Work {
         let others = self.order.iter().filter(|name| !included.contains(*name));
         entries.extend(others.filter_map(|name| earlier.get(name).cloned()));
         entries.sort_by_key(|e| position.get(e.job.as_str()).copied());
-        let report = Report::new(self.file.clone(), seconds, exit_code, entries);
-        atomic::write(report_path, |file| {
-            serde_json::to_writer_pretty(&mut *file, &report)?;
-            file.write_all(b"\n")?;
-            Ok(Ok(()))
-        })?;
+        write_json(report_path, &Report::new(self.file.clone(), seconds, exit_code, entries))?;
         if let Some(why) = events.failed.into_inner().unwrap_or_else(PoisonError::into_inner) {
             return Err(Error::Io(format!("--events: cannot write: {why}; events are missing")));
         }

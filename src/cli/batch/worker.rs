@@ -8,7 +8,6 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use clap::Args;
 use serde_json::value::to_raw_value;
 
 use super::plan::{Planned, parse_flags};
@@ -22,15 +21,11 @@ use crate::job::{Done, Inputs, Loaded, RenderRequest, Session, memory};
 use crate::render::Progress;
 use crate::{Error, Result};
 
-/// Render the jobs of a message on standard input; started by `bismar batch`.
-#[derive(Debug, Args)]
-pub struct WorkerArgs {}
-
 pub fn run() -> Result<Verdict> {
     let mut line = String::new();
     io::stdin().read_line(&mut line).map_err(|e| Error::Io(format!("standard input: cannot read: {e}")))?;
-    let bad = |e: &dyn std::fmt::Display| Error::Usage(format!("not a job message of `bismar batch`: {e}"));
-    let JobMessage { jobs, written, folders, at_once, threads } = serde_json::from_str(&line).map_err(|e| bad(&e))?;
+    let JobMessage { jobs, written, folders, at_once, threads } =
+        serde_json::from_str(&line).map_err(|e| Error::Usage(format!("not a job message of `bismar batch`: {e}")))?;
     atomic::confine(&folders);
     let signals = Signals::from_parent()?;
     let command = command();
@@ -59,8 +54,7 @@ pub fn run() -> Result<Verdict> {
             let _ = writeln!(out, "{text}").and_then(|()| out.flush());
         }
     });
-    let free = Mutex::new(pools);
-    let workers = free.lock().map_or(1, |free| free.len());
+    let (workers, free) = (pools.len(), Mutex::new(pools));
     each(worker.jobs.len(), workers, &|index| {
         let messages = messages.clone();
         let pool = free.lock().unwrap_or_else(PoisonError::into_inner).pop();

@@ -109,9 +109,6 @@ impl Outcome {
 }
 
 /// Compares bits first, then FLIP.
-///
-/// # Errors
-/// Those of reading the pictures.
 pub fn compare(golden: &Path, new: &Path, limit: Limit) -> Result<Outcome> {
     let channels = differing(&read_bits(golden)?, &read_bits(new)?);
     if channels.is_empty() {

@@ -9,9 +9,10 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 
 use super::outcome::{Check, Limit, Outcome};
-use super::report::{escaped, line, summary};
+use super::report::{line, summary};
 use crate::Result;
 use crate::cli::compare::false_color;
+use crate::cli::compare::page::escaped;
 use crate::film::compare::flip_map;
 use crate::film::preview::{encoded, encoded_picture, to_byte};
 use crate::film::{Exposure, Look, Picture, View, atomic};
@@ -29,9 +30,6 @@ const HEAD: &str = "<!doctype html>\n<html lang=en>\n<meta charset=utf-8>\n<meta
     </style>\n<h1>Golden pictures</h1>\n";
 
 /// Writes the page.
-///
-/// # Errors
-/// Those of reading the pictures and of [`atomic::write`].
 pub fn write(path: &Path, checks: &[Check], limit: Limit) -> Result<()> {
     let seconds = checks.iter().map(|check| check.seconds).sum();
     let mut text = HEAD.to_owned();

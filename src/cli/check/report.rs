@@ -4,12 +4,13 @@ use std::fmt::Write as _;
 use std::io::Write;
 use std::path::Path;
 
-use serde::Serialize;
-use serde_json::{Value, json};
+use serde_json::json;
 
 use super::outcome::{Check, Limit, Outcome};
 use crate::Result;
+use crate::cli::compare::page::escaped;
 use crate::film::atomic;
+use crate::job;
 
 /// Schema version of the JSON; raised when a field changes its meaning or is removed.
 const SCHEMA: u32 = 1;
@@ -49,18 +50,7 @@ pub fn summary(checks: &[Check], seconds: f64) -> String {
 }
 
 /// Writes the report.
-///
-/// # Errors
-/// Those of [`atomic::write`].
 pub fn write_json(path: &Path, checks: &[Check], limit: Limit, seconds: f64) -> Result<()> {
-    #[derive(Serialize)]
-    struct Report<'a> {
-        schema: u32,
-        version: &'a str,
-        seconds: f64,
-        limit: Limit,
-        goldens: Vec<Value>,
-    }
     let one = |check: &Check| {
         let mut value = json!({
             "golden": check.golden.display().to_string(),
@@ -85,19 +75,15 @@ pub fn write_json(path: &Path, checks: &[Check], limit: Limit, seconds: f64) -> 
         }
         value
     };
-    let goldens = checks.iter().map(one).collect();
-    let report = Report { schema: SCHEMA, version: env!("CARGO_PKG_VERSION"), seconds, limit, goldens };
-    atomic::write(path, |file| {
-        serde_json::to_writer_pretty(&mut *file, &report)?;
-        file.write_all(b"\n")?;
-        Ok(Ok(()))
-    })
+    let goldens: Vec<_> = checks.iter().map(one).collect();
+    let version = env!("CARGO_PKG_VERSION");
+    job::write_json(
+        path,
+        &json!({ "schema": SCHEMA, "version": version, "seconds": seconds, "limit": limit, "goldens": goldens }),
+    )
 }
 
 /// Writes JUnit XML: a test case for each golden picture.
-///
-/// # Errors
-/// Those of [`atomic::write`].
 pub fn write_junit(path: &Path, checks: &[Check]) -> Result<()> {
     let failures = checks.iter().filter(|c| c.outcome.exit_code().is_none() && !c.outcome.passes() && !c.updated);
     let errors = checks.iter().filter(|check| check.outcome.exit_code().is_some());
@@ -124,21 +110,4 @@ pub fn write_junit(path: &Path, checks: &[Check]) -> Result<()> {
     }
     text += "</testsuite>\n";
     atomic::write(path, |file| Ok(Ok(file.write_all(text.as_bytes())?)))
-}
-
-/// Text in an attribute of XML or HTML. What XML 1.0 does not allow (control characters, U+FFFE, U+FFFF) becomes spaces.
-pub fn escaped(text: &str) -> String {
-    let plain: String =
-        text.chars().map(|c| if c.is_control() || matches!(c, '\u{FFFE}' | '\u{FFFF}') { ' ' } else { c }).collect();
-    plain.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
-}
-
-#[cfg(test)]
-mod tests {
-    use super::escaped;
-
-    #[test]
-    fn text_is_what_xml_allows() {
-        assert_eq!(escaped("a\u{FFFF}\u{1}<\"é"), "a  &lt;&quot;é");
-    }
 }

@@ -3,16 +3,14 @@
 use std::path::Path;
 
 use crate::Result;
+use crate::cli::flag_values::has_ending;
 use crate::film::compare::REL_MSE_EPSILON;
 use crate::film::{Picture, exr_file, preview};
 
 /// Writes the file of `--diff`: signed A - B for .exr, else the relative difference in false colours.
-///
-/// # Errors
-/// Those of writing the picture.
 pub fn write_difference(path: &Path, a: &Picture, b: &Picture) -> Result<()> {
     let pairs = a.rgb.iter().zip(&b.rgb);
-    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr")) {
+    if has_ending(path, &["exr"]) {
         let signed = pairs.map(|(x, y)| std::array::from_fn(|c| x[c] - y[c])).collect::<Vec<_>>();
         return exr_file::write_rgb(path, a.window, a.display, &signed);
     }

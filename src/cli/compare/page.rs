@@ -16,18 +16,12 @@ use crate::film::{Exposure, Look, Picture, View, atomic};
 const TEMPLATE: &str = include_str!("page.html");
 
 /// Writes the page; `curve` is the chart of a sequence, or empty.
-///
-/// # Errors
-/// Those of [`atomic::write`].
 pub fn write(path: &Path, names: [&Path; 2], pictures: [&Picture; 2], c: &Comparison, curve: &str) -> Result<()> {
     let text = page(names, pictures, c, curve)?;
     atomic::write(path, |file| Ok(Ok(file.write_all(text.as_bytes())?)))
 }
 
 /// The page, with HTML above the pictures. Both pictures have the view transform and the automatic exposure of B.
-///
-/// # Errors
-/// Those of the PNG encoder.
 pub fn page(names: [&Path; 2], [a, b]: [&Picture; 2], c: &Comparison, above: &str) -> Result<String> {
     let view = if a.displayed && b.displayed { View::Srgb } else { View::Agx };
     let exposure = if view == View::Srgb { 0.0 } else { Exposure::Auto.of(b.colors()) };
@@ -70,9 +64,13 @@ pub fn page(names: [&Path; 2], [a, b]: [&Picture; 2], c: &Comparison, above: &st
     Ok(text)
 }
 
-/// Text that is no HTML, and fills no placeholder.
+/// Text in HTML or XML, or in an attribute of these, that fills no placeholder. What XML 1.0 does not allow (control characters,
+/// U+FFFE, U+FFFF) becomes spaces.
 pub fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('"', "&quot;").replace('{', "&#123;")
+    let plain: String =
+        text.chars().map(|c| if c.is_control() || matches!(c, '\u{FFFE}' | '\u{FFFF}') { ' ' } else { c }).collect();
+    let plain = plain.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
+    plain.replace('"', "&quot;").replace('{', "&#123;")
 }
 
 #[cfg(test)]
@@ -80,7 +78,8 @@ mod tests {
     use super::escaped;
 
     #[test]
-    fn a_name_fills_no_placeholder() {
+    fn a_name_fills_no_placeholder_and_is_what_xml_allows() {
         assert!(!escaped("{{{rows}}").contains("{{rows}}"));
+        assert_eq!(escaped("a\u{FFFF}\u{1}<\"é"), "a  &lt;&quot;é");
     }
 }

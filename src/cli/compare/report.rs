@@ -44,9 +44,6 @@ pub fn and_more(n: usize) -> String {
 }
 
 /// Writes the file of `--csv`.
-///
-/// # Errors
-/// Those of [`atomic::write`].
 pub fn write_csv(path: &Path, reports: &[Report]) -> crate::Result<()> {
     let quoted = |path: &Path| format!("\"{}\"", path.display().to_string().replace('"', "\"\""));
     atomic::write(path, |file| {
@@ -55,10 +52,7 @@ pub fn write_csv(path: &Path, reports: &[Report]) -> crate::Result<()> {
             let c = report.comparison;
             let [r, g, b] = c.bias;
             // z needs the variance of both pictures.
-            let z = c
-                .statistics
-                .as_ref()
-                .map_or([String::new(), String::new(), String::new()], |s| s.bias_z.map(|z| z.to_string()));
+            let z = c.statistics.as_ref().map(|s| s.bias_z.map(|z| z.to_string())).unwrap_or_default();
             writeln!(
                 file,
                 "{},{},{},{},{},{},{},{},{r},{g},{b},{},{}",

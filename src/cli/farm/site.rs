@@ -21,9 +21,6 @@ pub struct Site {
 
 impl Site {
     /// Reads the configuration with scontrol.
-    ///
-    /// # Errors
-    /// Those of [`capture`].
     pub fn query() -> Result<Self> {
         let config = capture("scontrol", &["show".into(), "config".into()])?;
         let value_of = |key: &str| {
@@ -38,9 +35,6 @@ impl Site {
 }
 
 /// Submits a job; returns its ID.
-///
-/// # Errors
-/// Those of [`capture`].
 pub fn sbatch(arguments: &[String]) -> Result<String> {
     let all: Vec<String> = [String::from("--parsable")].into_iter().chain(arguments.iter().cloned()).collect();
     // The answer is "id" or "id;cluster".

@@ -2,7 +2,6 @@
 
 use std::collections::HashMap;
 use std::ffi::OsString;
-use std::fmt::Display;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -138,9 +137,9 @@ type Requests = [(Option<u32>, RenderRequest)];
 
 /// What a task's command asks for, picture by picture, with the numbers of frames.
 fn parse_command(command: &[String]) -> Result<Box<Requests>> {
-    let bad = |e: &dyn Display| Error::Data(format!("{PLAN}: {}", e.to_string().trim_end()));
-    let args = render::read(&render::command(), command[1..].iter().map(OsString::from)).map_err(|e| bad(&e))?;
-    args.requests().map(Vec::into_boxed_slice)
+    let args = render::read(&render::command(), command[1..].iter().map(OsString::from));
+    let bad = |e: clap::Error| Error::Data(format!("{PLAN}: {}", e.to_string().trim_end()));
+    args.map_err(bad)?.requests().map(Vec::into_boxed_slice)
 }
 
 struct Inspector<'a> {

@@ -93,11 +93,10 @@ impl ArrayArgs {
                 paths.writes("--depth", &path)?;
                 match format {
                     Format::Npy => npy::write(&path, &[size[1], size[0]], &values)?,
-                    Format::Png => preview::write_png16(
-                        &path,
-                        size.map(|n| n as u32),
-                        &steps(&values, self.depth_scale, picture)?,
-                    )?,
+                    Format::Png => {
+                        let steps = steps(&values, self.depth_scale, picture)?;
+                        preview::write_png16(&path, size.map(|n| n as u32), &steps)?;
+                    }
                 }
             }
         }

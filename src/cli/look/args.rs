@@ -61,9 +61,6 @@ const MAX_PIXELS: u64 = 1 << 27;
 
 impl LookArgs {
     /// Checks what clap cannot.
-    ///
-    /// # Errors
-    /// [`Error::Usage`].
     pub fn check(&self) -> Result<()> {
         let selection = self.selection.selection();
         selection.check(self.frames.is_some() || selection.is_posed(), false, Backend::Embree)?;

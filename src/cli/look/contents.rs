@@ -122,9 +122,6 @@ impl Contents {
     }
 
     /// The contents as JSON.
-    ///
-    /// # Errors
-    /// [`Error::Bug`] if they cannot be serialised.
     pub fn report(&self) -> Result<Value> {
         serde_json::to_value(self).map_err(|e| Error::Bug(format!("JSON: {e}")))
     }
@@ -252,20 +249,9 @@ fn texture(image: &Image) -> TextureRow {
 
 /// Width, height and depth with three digits.
 fn size(bounds: Option<&Bounds>) -> String {
-    let short = |x: f64| match x {
-        x if x == 0.0 || (0.01..1e5).contains(&x) => {
-            let digits = if x >= 100.0 {
-                0
-            } else if x >= 10.0 {
-                1
-            } else if x >= 1.0 {
-                2
-            } else {
-                3
-            };
-            format!("{x:.digits$}")
-        }
-        x => format!("{x:.1e}"),
+    let short = |x: f64| {
+        let digits = [1.0, 10.0, 100.0].iter().filter(|limit| x < **limit).count();
+        if x == 0.0 || (0.01..1e5).contains(&x) { format!("{x:.digits$}") } else { format!("{x:.1e}") }
     };
     bounds.map_or("nothing to show".into(), |bounds| format!("{} m", bounds.size.map(short).join(" x ")))
 }

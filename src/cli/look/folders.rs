@@ -12,6 +12,7 @@ use super::direction::Direction;
 use super::looked::{Looked, SCHEMA};
 use super::pair::Pair;
 use super::sheet::Sheet;
+use crate::cli::flag_values::has_ending;
 use crate::console::{Paths, Verdict};
 use crate::scene::import::SceneFiles;
 use crate::{Error, Result};
@@ -46,7 +47,15 @@ pub fn look(args: &LookArgs, folders: [&Path; 2], paths: &mut Paths, stop: &Atom
     for name in old.intersection(&new) {
         let pair = folders.map(|folder| folder.join(name));
         let name = name.display().to_string();
-        match one(args, [&pair[0], &pair[1]], views, paths, stop) {
+        let mut looked = || -> Result<Option<Pair>> {
+            // Their files say the same.
+            let hash = |scene: &Path| SceneFiles::open(scene).map(|files| files.survey().hash);
+            if hash(&pair[0])? == hash(&pair[1])? {
+                return Ok(None);
+            }
+            Pair::look(args, [&pair[0], &pair[1]], views, paths, stop).map(Some)
+        };
+        match looked() {
             Ok(None) => unchanged.push(name),
             Ok(Some(pair)) => {
                 lines.extend([&pair.words[..], &pair.failures].concat().iter().map(|text| format!("{name}: {text}")));
@@ -93,21 +102,6 @@ pub fn look(args: &LookArgs, folders: [&Path; 2], paths: &mut Paths, stop: &Atom
     Ok(Looked { sheet, shots: Vec::new(), report, lines, verdict, page: None })
 }
 
-/// What differs between two scenes; `None` if their files say the same.
-fn one(
-    args: &LookArgs,
-    scenes: [&Path; 2],
-    views: &[Direction],
-    paths: &mut Paths,
-    stop: &AtomicBool,
-) -> Result<Option<Pair>> {
-    let hash = |scene| SceneFiles::open(scene).map(|files| files.survey().hash);
-    if hash(scenes[0])? == hash(scenes[1])? {
-        return Ok(None);
-    }
-    Pair::look(args, scenes, views, paths, stop).map(Some)
-}
-
 /// The scenes below a folder, relative to it. Links to folders are not followed.
 fn scenes(folder: &Path) -> Result<BTreeSet<PathBuf>> {
     let mut found = BTreeSet::new();
@@ -118,7 +112,7 @@ fn scenes(folder: &Path) -> Result<BTreeSet<PathBuf>> {
             let path = entry.path();
             if entry.file_type().is_ok_and(|kind| kind.is_dir()) {
                 open.extend((depth < MAX_DEPTH).then_some((path, depth + 1)));
-            } else if ["glb", "gltf"].iter().any(|end| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(end))) {
+            } else if has_ending(&path, &["glb", "gltf"]) {
                 found.extend(path.strip_prefix(folder).map(Path::to_owned).ok());
             }
         }

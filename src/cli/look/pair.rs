@@ -35,9 +35,6 @@ pub struct Pair {
 }
 
 /// Looks at two scenes, old and new.
-///
-/// # Errors
-/// Those of [`super::look`].
 pub fn look(args: &LookArgs, scenes: [&Path; 2], paths: &mut Paths, stop: &AtomicBool) -> Result<Looked> {
     let pair = Pair::look(args, scenes, &args.views, paths, stop)?;
     let size = [args.size.0, args.size.1];
@@ -58,9 +55,6 @@ pub fn look(args: &LookArgs, scenes: [&Path; 2], paths: &mut Paths, stop: &Atomi
 
 impl Pair {
     /// Looks at two scenes; `views` are those of a single scene if there are none.
-    ///
-    /// # Errors
-    /// Those of [`super::look`].
     pub fn look(
         args: &LookArgs,
         scenes: [&Path; 2],

@@ -4,10 +4,11 @@ use std::path::Path;
 
 use noto_sans_mono_bitmap::{FontWeight, RasterHeight, get_raster, get_raster_width};
 
+use crate::Result;
+use crate::cli::flag_values::check_ending;
 use crate::film::lock::claim;
 use crate::film::view::srgb_decode;
 use crate::film::{Picture, preview};
-use crate::{Error, Result};
 
 /// A contact sheet, display-encoded.
 pub struct Sheet {
@@ -64,23 +65,12 @@ impl Sheet {
         }
     }
 
-    /// Checks the ending of the sheet's name; `what` names it.
-    ///
-    /// # Errors
-    /// [`Error::Usage`].
-    pub fn check_name(what: &str, path: &Path) -> Result<()> {
-        if preview::has_ending(path) || path.starts_with("/dev") {
-            return Ok(());
-        }
-        Err(Error::Usage(format!("{what} {}: the name must end in .png, .webp or .jpg", path.display())))
-    }
-
     /// Writes the sheet; the name's ending chooses the format.
     ///
     /// # Errors
-    /// [`Error::Usage`] for another ending; those of [`claim`] and of writing files.
+    /// [`Error::Usage`](crate::Error::Usage) for another ending; those of [`claim`] and of writing files.
     pub fn write(&self, path: &Path) -> Result<()> {
-        Self::check_name("the sheet", path)?;
+        check_ending("the sheet", path, &preview::ENDINGS)?;
         let _claim = claim(path)?;
         preview::write_rgb8(path, self.size[0], self.size[1], &self.bytes)
     }

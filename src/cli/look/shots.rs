@@ -36,9 +36,6 @@ pub struct Subject {
 
 impl Subject {
     /// Opens and imports a scene, and declares its files.
-    ///
-    /// # Errors
-    /// Those of the import, of [`Paths::reads`], and [`Error::Host`] if memory does not suffice.
     pub fn open(look: &LookArgs, scene: &Path, paths: &mut Paths) -> Result<Self> {
         let mut selection = look.selection.selection();
         look.frames.iter().for_each(|frames| selection.frame = Some(frames.numbers()[0].into()));
@@ -169,13 +166,6 @@ impl Shot {
         bits(self) == bits(other)
     }
 
-    /// BLAKE3 of the linear premultiplied RGBA, 32-bit floats, little-endian, row by row.
-    fn hash_into(&self, hasher: &mut blake3::Hasher) {
-        for some in self.pixels.chunks(4096) {
-            hasher.update(&some.as_flattened().iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<_>>());
-        }
-    }
-
     /// Share of the frame that shows a surface, 0 to 1.
     pub fn shown(&self) -> f64 {
         self.pixels.iter().map(|pixel| f64::from(pixel[3])).sum::<f64>() / self.pixels.len().max(1) as f64
@@ -205,7 +195,9 @@ impl Shot {
 /// BLAKE3 of all views in order: of each the linear premultiplied RGBA, 32-bit floats, little-endian, row by row; hexadecimal.
 pub fn hash_of(shots: &[Shot]) -> String {
     let mut hasher = blake3::Hasher::new();
-    shots.iter().for_each(|shot| shot.hash_into(&mut hasher));
+    for some in shots.iter().flat_map(|shot| shot.pixels.chunks(4096)) {
+        hasher.update(&some.as_flattened().iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<_>>());
+    }
     hasher.finalize().to_hex().to_string()
 }
 

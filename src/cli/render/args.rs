@@ -6,14 +6,14 @@ use clap::Args;
 use tracing::info;
 
 use super::values::{
-    AovList, Crop, OnByDefault, PartFlag, PixelPath, Preset, TechniqueFlags, balance, blades, finite, light_radius,
-    light_unit, not_negative, preset, share, sun_angle,
+    AovList, OnByDefault, PartFlag, PixelPath, Preset, TechniqueFlags, aov_list, balance, blades, crop, finite,
+    light_radius, not_negative, part_flag, pixel_path, preset, share, sun_angle,
 };
 use crate::batch::frames::Frames;
 use crate::batch::job::Job;
 use crate::batch::numbering::numbered;
 use crate::batch::views::{self, MAX_VIEWS};
-use crate::cli::flag_values::value_of;
+use crate::cli::flag_values::{check_ending, value_of};
 use crate::cli::scene_selection::SelectionArgs;
 use crate::cli::view_args::ViewArgs;
 use crate::color::ColorSpace;
@@ -92,8 +92,8 @@ pub struct RenderArgs {
     pub size: Option<Size>,
     /// Crop window in pixels from the top left; x1 and y1 are exclusive. Its pixels are bit-identical to those of the full
     /// render.
-    #[arg(long, value_name = "x0,y0,x1,y1", help_heading = "View")]
-    pub crop: Option<Crop>,
+    #[arg(long, value_parser = crop, value_name = "x0,y0,x1,y1", help_heading = "View")]
+    pub crop: Option<[u32; 4]>,
 
     /// Thin-lens aperture: an f-stop such as f/2.8 (for a sensor 24 mm high) or a radius in metres. glTF cameras have no
     /// aperture [default: pinhole].
@@ -151,7 +151,8 @@ pub struct RenderArgs {
     pub sunsky: Option<ClearSky>,
     /// Unit of the file's point, spot and directional lights: lumen uses their intensities unchanged, watt divides them by
     /// 683 lm/W, the factor that Blender's exporter multiplies by.
-    #[arg(long, value_parser = light_unit(), default_value = "lumen", value_name = "UNIT", help_heading = "Light")]
+    #[arg(long, value_parser = value_of::<LightUnit>(), default_value = LightUnit::Lumen.name(), value_name = "UNIT",
+        help_heading = "Light")]
     pub light_unit: LightUnit,
     /// Radius of all point and spot lights: spheres with the irradiance that the points have, soft shadows, and highlights. The
     /// camera does not see them. Without this, `radius` in the file's extras, or points.
@@ -248,13 +249,8 @@ pub struct RenderArgs {
     /// Render only part K (1 to N) of the picture's tiles; `bismar merge` combines the parts. auto, or auto/N, takes K from
     /// the array of Slurm (--array=1-N), AWS Batch or Kubernetes (indexed jobs) that this process is a task of; names of
     /// outputs then hold K as #### or {frame:04} (docs/farm.md).
-    #[arg(
-        id = "part",
-        long,
-        value_name = "K/N|auto|auto/N",
-        conflicts_with = "time",
-        help_heading = "Interruption and parts"
-    )]
+    #[arg(id = "part", long, value_parser = part_flag, value_name = "K/N|auto|auto/N", conflicts_with = "time",
+        help_heading = "Interruption and parts")]
     part_flag: Option<PartFlag>,
 
     /// Ray tracing library.
@@ -272,14 +268,9 @@ pub struct RenderArgs {
     /// indirect, variance, samples, balance, object, material, position, uv, emission, guide-albedo and guide-normal
     /// (followed through mirrors, for denoisers), lights (the beauty by type of light source), velocity (pixels per frame),
     /// crypto-object, crypto-material.
-    #[arg(
-        long,
-        alias = "aovs",
-        value_name = "LIST",
-        default_value = "variance,samples,balance",
-        default_value_if("preset", "thumbnail", "none"),
-        help_heading = "Output"
-    )]
+    #[arg(long, alias = "aovs", value_parser = aov_list, value_name = "LIST",
+        default_value = "variance,samples,balance", default_value_if("preset", "thumbnail", "none"),
+        help_heading = "Output")]
     aov: AovList,
     /// Write colours and normals as 16-bit floats, which halves the file size.
     #[arg(long, help_heading = "Output")]
@@ -315,8 +306,8 @@ pub struct RenderArgs {
     pub path_mapping: Option<PathBuf>,
     /// Print every event on the paths of one pixel (counted from the top left), or on its path N only; no picture is
     /// written.
-    #[arg(long, value_name = "X,Y[,N]", conflicts_with_all = ["resume", "checkpoint", "part"],
-        help_heading = "Output")]
+    #[arg(long, value_parser = pixel_path, value_name = "X,Y[,N]",
+        conflicts_with_all = ["resume", "checkpoint", "part"], help_heading = "Output")]
     pub replay_pixel: Option<PixelPath>,
     /// Progress display.
     #[arg(long, value_enum, default_value_t = Style::Auto, help_heading = "Output")]
@@ -337,6 +328,9 @@ pub struct RenderArgs {
     #[arg(skip)]
     pub given: Option<Vec<(String, Option<String>)>>,
 }
+
+/// Flags that a sequence handles itself and does not pass to its jobs.
+const NOT_FOR_JOBS: [&str; 6] = ["resume", "progress", "threads", "path-mapping", "led", "output"];
 
 impl RenderArgs {
     /// Whether the command renders many pictures: frames or views.
@@ -370,9 +364,6 @@ impl RenderArgs {
     }
 
     /// What the command asks for; of a sequence, what its pictures have in common.
-    ///
-    /// # Errors
-    /// Those of [`Self::check`].
     pub fn request(&self) -> Result<RenderRequest> {
         self.check()?;
         let (aovs, selection) = (self.aovs(), self.selection.selection());
@@ -386,7 +377,7 @@ impl RenderArgs {
         };
         let unlimited = self.spp.is_none() && self.time.is_none() && self.noise.is_none();
         let settings = RenderSettings {
-            crop: self.crop.map(|c| c.0),
+            crop: self.crop,
             integrator: self.integrator,
             max_depth: self.max_depth,
             spp: if unlimited { RenderSettings::default().spp } else { self.spp },
@@ -472,9 +463,6 @@ impl RenderArgs {
     }
 
     /// What the command asks for, picture by picture, with the numbers of frames.
-    ///
-    /// # Errors
-    /// Those of [`Self::request`] and [`Self::of_frame`].
     pub fn requests(&self) -> Result<Vec<(Option<u32>, RenderRequest)>> {
         match &self.frames {
             None => Ok(vec![(None, self.request()?)]),
@@ -556,9 +544,6 @@ impl RenderArgs {
     }
 
     /// Checks the rules that clap cannot express.
-    ///
-    /// # Errors
-    /// [`Error::Usage`].
     pub fn check(&self) -> Result<()> {
         self.check_balance()?;
         if self.is_dash() && (self.is_sequence() || self.replay_pixel.is_some()) {
@@ -576,7 +561,8 @@ impl RenderArgs {
         if self.seed_per_frame == Some(true) && self.frames.is_none() && self.selection.frame.is_none() {
             return Err(Error::Usage("--seed-per-frame needs a frame: --frames or --frame".into()));
         }
-        let velocity = !self.has_all_aovs() && self.aov.0.contains(&Aov::Velocity);
+        // `--aov all` leaves out what cannot be written.
+        let velocity = self.aov.0.len() < Aov::ALL.len() && self.aov.0.contains(&Aov::Velocity);
         self.selection.selection().check(self.is_posed(), velocity, self.rays)?;
         if self.is_sequence() && self.part_flag.is_some_and(|flag| flag.is_auto) {
             return Err(Error::Usage(
@@ -584,55 +570,27 @@ impl RenderArgs {
                     .into(),
             ));
         }
-        check_extension("-o", self.output.as_deref(), &["exr"])?;
-        check_extension("--preview", self.preview.as_deref(), &preview::ENDINGS)
-    }
-
-    /// Whether `--aov all` was given, which leaves out what cannot be written.
-    fn has_all_aovs(&self) -> bool {
-        self.aov.0.len() == Aov::ALL.len()
+        self.output.iter().try_for_each(|path| check_ending("-o", path, &["exr"]))?;
+        self.preview.iter().try_for_each(|path| check_ending("--preview", path, &preview::ENDINGS))
     }
 
     fn check_balance(&self) -> Result<()> {
         let name = self.balance.name();
-        if !self.balance.method().needs_goal() {
-            if self.pilot.is_none() {
-                return Ok(());
-            }
-            let with_pilot: Vec<_> =
-                Balance::all().iter().filter(|b| b.method().needs_goal()).map(|b| b.name()).collect();
-            return Err(Error::Usage(format!(
-                "--pilot needs --balance {}; {name} has no pilot whose size can be set",
-                with_pilot.join(" or ")
-            )));
-        }
-        if self.spp.is_none() {
-            return Err(Error::Usage(format!(
+        match (self.balance.method().needs_goal(), self.spp, self.pilot) {
+            (true, None, _) => Err(Error::Usage(format!(
                 "--balance {name} needs --spp: its pilot is a share of all samples, so their number must be known in advance"
-            )));
+            ))),
+            (false, _, Some(_)) => {
+                let with_pilot = Balance::all().iter().filter(|b| b.method().needs_goal()).map(|b| b.name());
+                let with_pilot = with_pilot.collect::<Vec<_>>().join(" or ");
+                Err(Error::Usage(format!(
+                    "--pilot needs --balance {with_pilot}; {name} has no pilot whose size can be set"
+                )))
+            }
+            _ => Ok(()),
         }
-        Ok(())
     }
-}
 
-/// A command that renders many pictures.
-pub struct Sequence {
-    /// All of them as one job.
-    pub job: Job,
-    /// Folders below which they are written.
-    pub folders: Vec<PathBuf>,
-    /// Number of threads.
-    pub threads: Option<usize>,
-    /// Progress display.
-    pub style: Style,
-    /// Whether the parent process announces signals.
-    pub signals_from_parent: bool,
-}
-
-/// Flags that the sequence handles itself and does not pass to its jobs.
-const NOT_FOR_JOBS: [&str; 6] = ["resume", "progress", "threads", "path-mapping", "led", "output"];
-
-impl RenderArgs {
     /// The flags that were given, without dashes, with their values.
     ///
     /// # Errors
@@ -641,11 +599,8 @@ impl RenderArgs {
         self.given.clone().ok_or_else(|| Error::Usage("the value of a flag is not UTF-8".into()))
     }
 
-    /// The command as a sequence.
-    ///
-    /// # Errors
-    /// Those of [`Self::check`], [`Self::on_this_machine`], [`Self::given`] and [`views::read`].
-    pub fn sequence(&self) -> Result<Sequence> {
+    /// A command that renders many pictures, as one job, and the folders below which they are written.
+    pub fn sequence(&self) -> Result<(Job, Vec<PathBuf>)> {
         self.check()?;
         let mut flags = self.given()?;
         let args = self.on_this_machine()?;
@@ -669,9 +624,7 @@ impl RenderArgs {
         let outputs = [Some(&output), args.preview.as_ref(), args.stats.as_ref()];
         let folders = outputs.into_iter().flatten().map(|path| folder(path)).collect();
         let name = output.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        let job = Job { name, scene: args.scene.clone(), flags, output, ..Job::default() };
-        let RenderArgs { threads, progress: style, signals_from_parent, .. } = args;
-        Ok(Sequence { job, folders, threads, style, signals_from_parent })
+        Ok((Job { name, scene: args.scene, flags, output, ..Job::default() }, folders))
     }
 }
 
@@ -681,21 +634,4 @@ fn folder(output: &Path) -> PathBuf {
     let parent = output.parent().unwrap_or(Path::new(""));
     let before: PathBuf = parent.components().take_while(|part| !has_number(part)).collect();
     if before.as_os_str().is_empty() { ".".into() } else { before }
-}
-
-/// Fails for a path without one of these extensions. Devices have none and are allowed, for benchmarks.
-fn check_extension(flag: &str, path: Option<&Path>, extensions: &[&str]) -> Result<()> {
-    let Some(path) = path else { return Ok(()) };
-    let has = |extension: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension));
-    if extensions.iter().any(|extension| has(extension)) || path.starts_with("/dev") {
-        return Ok(());
-    }
-    let hint = match (flag, preview::has_ending(path)) {
-        ("-o", true) => {
-            let exr = path.with_extension("exr");
-            format!(": -o {} --preview {} writes both", exr.display(), path.display())
-        }
-        _ => String::new(),
-    };
-    Err(Error::Usage(format!("{flag} {}: the name must end in .{}{hint}", path.display(), extensions.join(" or ."))))
 }

@@ -18,12 +18,6 @@ pub fn run(request: &RenderRequest, pixel_path: PixelPath) -> Result<Verdict> {
     let loaded = loaded.placed(request)?.unwrap_or(loaded);
     let settings: RenderSettings = settings(request, &loaded.prepared.scene)?;
     let PixelPath { pixel: [x, y], path } = pixel_path;
-    if x >= settings.width || y >= settings.height {
-        return Err(Error::Usage(format!(
-            "--replay-pixel {x},{y} is not inside the picture of {}x{} pixels",
-            settings.width, settings.height
-        )));
-    }
     let Some(spp) = settings.spp else {
         return Err(Error::Usage("--replay-pixel needs --spp, which sets the number of paths".into()));
     };

@@ -1,7 +1,5 @@
 //! Value parsers of the flags of `bismar render`.
 
-use std::str::FromStr;
-
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Arg, ArgMatches, Args, Command, FromArgMatches, ValueEnum};
 
@@ -9,7 +7,6 @@ use crate::cli::flag_values::FlagValue;
 use crate::farm::array::{ArrayTask, array_task};
 use crate::film::Aov;
 use crate::integrator::Reuse;
-use crate::job::LightUnit;
 use crate::render::techniques::Row;
 use crate::render::{Balance, Choice, Part, PerTechnique, Technique};
 use crate::scene::MAX_RADIUS;
@@ -161,14 +158,10 @@ pub struct PartFlag {
     pub is_auto: bool,
 }
 
-impl FromStr for PartFlag {
-    type Err = String;
-
-    fn from_str(text: &str) -> Parsed<Self> {
-        match text.strip_prefix("auto") {
-            Some(rest) => array_task().and_then(|task| part_of(task, rest)).map(|part| Self { part, is_auto: true }),
-            None => text.parse().map(|part| Self { part, is_auto: false }),
-        }
+pub fn part_flag(text: &str) -> Parsed<PartFlag> {
+    match text.strip_prefix("auto") {
+        Some(rest) => array_task().and_then(|task| part_of(task, rest)).map(|part| PartFlag { part, is_auto: true }),
+        None => text.parse().map(|part| PartFlag { part, is_auto: false }),
     }
 }
 
@@ -197,16 +190,6 @@ pub fn sun_angle(text: &str) -> Parsed<f32> {
     not_negative(text).ok().filter(|x| *x <= 180.0).ok_or("not degrees from 0 to 180".into())
 }
 
-/// Parser of `--light-unit`.
-pub fn light_unit() -> impl TypedValueParser<Value = LightUnit> {
-    let help = [
-        ("lumen", "Candela and lux, as KHR_lights_punctual defines"),
-        ("watt", "W/sr and W/m^2, multiplied by 683 lm/W as Blender's exporter does"),
-    ];
-    PossibleValuesParser::new(help.map(|(name, help)| PossibleValue::new(name).help(help)))
-        .map(|name| if name == "watt" { LightUnit::Watt } else { LightUnit::Lumen })
-}
-
 /// A switch that is on by default.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 pub enum OnByDefault {
@@ -216,20 +199,13 @@ pub enum OnByDefault {
 }
 
 /// `x0,y0,x1,y1`: a window in pixels from the top left; x1 and y1 are exclusive.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Crop(pub [u32; 4]);
-
-impl FromStr for Crop {
-    type Err = String;
-
-    fn from_str(text: &str) -> Parsed<Self> {
-        let numbers = text.split(',').map(|n| n.trim().parse().ok()).collect::<Option<Vec<u32>>>();
-        let window = numbers.and_then(|n| <[u32; 4]>::try_from(n).ok());
-        match window {
-            Some([x0, y0, x1, y1]) if x0 < x1 && y0 < y1 => Ok(Crop([x0, y0, x1, y1])),
-            Some(_) => Err("the window is empty: x1 must be above x0, and y1 above y0".into()),
-            None => Err("not x0,y0,x1,y1 in pixels".into()),
-        }
+pub fn crop(text: &str) -> Parsed<[u32; 4]> {
+    let numbers = text.split(',').map(|n| n.trim().parse().ok()).collect::<Option<Vec<u32>>>();
+    let window = numbers.and_then(|n| <[u32; 4]>::try_from(n).ok());
+    match window {
+        Some(window @ [x0, y0, x1, y1]) if x0 < x1 && y0 < y1 => Ok(window),
+        Some(_) => Err("the window is empty: x1 must be above x0, and y1 above y0".into()),
+        None => Err("not x0,y0,x1,y1 in pixels".into()),
     }
 }
 
@@ -237,24 +213,18 @@ impl FromStr for Crop {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct AovList(pub Vec<Aov>);
 
-impl FromStr for AovList {
-    type Err = String;
-
-    fn from_str(text: &str) -> Parsed<Self> {
-        match text {
-            "none" => Ok(AovList(Vec::new())),
-            "all" => Ok(AovList(Aov::ALL.to_vec())),
-            list => {
-                let one = |name: &str| {
-                    let name = name.trim();
-                    Aov::ALL.into_iter().find(|aov| aov.name() == name).ok_or_else(|| {
-                        let names = Aov::ALL.map(Aov::name).join(", ");
-                        format!("there is no AOV '{name}'; there are {names}, all and none")
-                    })
-                };
-                list.split(',').map(one).collect::<Parsed<_>>().map(AovList)
-            }
-        }
+pub fn aov_list(text: &str) -> Parsed<AovList> {
+    let one = |name: &str| {
+        let name = name.trim();
+        Aov::ALL.into_iter().find(|aov| aov.name() == name).ok_or_else(|| {
+            let names = Aov::ALL.map(Aov::name).join(", ");
+            format!("there is no AOV '{name}'; there are {names}, all and none")
+        })
+    };
+    match text {
+        "none" => Ok(AovList(Vec::new())),
+        "all" => Ok(AovList(Aov::ALL.to_vec())),
+        list => list.split(',').map(one).collect::<Parsed<_>>().map(AovList),
     }
 }
 
@@ -265,16 +235,12 @@ pub struct PixelPath {
     pub path: Option<u32>,
 }
 
-impl FromStr for PixelPath {
-    type Err = String;
-
-    fn from_str(text: &str) -> Parsed<Self> {
-        let numbers: Option<Vec<u32>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
-        match numbers.as_deref() {
-            Some(&[x, y]) => Ok(PixelPath { pixel: [x, y], path: None }),
-            Some(&[x, y, n]) => Ok(PixelPath { pixel: [x, y], path: Some(n) }),
-            _ => Err("not X,Y or X,Y,N: a pixel from the top left and the index of a path, as in 17,4,3".into()),
-        }
+pub fn pixel_path(text: &str) -> Parsed<PixelPath> {
+    let numbers: Option<Vec<u32>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
+    match numbers.as_deref() {
+        Some(&[x, y]) => Ok(PixelPath { pixel: [x, y], path: None }),
+        Some(&[x, y, n]) => Ok(PixelPath { pixel: [x, y], path: Some(n) }),
+        _ => Err("not X,Y or X,Y,N: a pixel from the top left and the index of a path, as in 17,4,3".into()),
     }
 }
 
@@ -301,22 +267,22 @@ mod tests {
 
     #[test]
     fn sizes_windows_and_lists_are_read_or_refused() {
-        assert_eq!("0,1,2,3".parse(), Ok(Crop([0, 1, 2, 3])));
+        assert_eq!(crop("0,1,2,3"), Ok([0, 1, 2, 3]));
         for bad in ["", "1,2,3", "2,0,1,5", "0,0,0,1", "0,0,1,1,1", "-1,0,1,1"] {
-            assert!(bad.parse::<Crop>().is_err(), "{bad}");
+            assert!(crop(bad).is_err(), "{bad}");
         }
-        assert_eq!("depth, normal".parse(), Ok(AovList(vec![Aov::Depth, Aov::Normal])));
-        assert_eq!("all".parse::<AovList>().map(|l| l.0.len()), Ok(19));
-        assert_eq!("variance,samples,balance".parse(), Ok(AovList(Aov::DEFAULT.to_vec())));
-        assert!("depth,,normal".parse::<AovList>().is_err());
+        assert_eq!(aov_list("depth, normal"), Ok(AovList(vec![Aov::Depth, Aov::Normal])));
+        assert_eq!(aov_list("all").map(|l| l.0.len()), Ok(19));
+        assert_eq!(aov_list("variance,samples,balance"), Ok(AovList(Aov::DEFAULT.to_vec())));
+        assert!(aov_list("depth,,normal").is_err());
     }
 
     #[test]
     fn places_are_read_or_refused() {
-        assert_eq!("17,4".parse(), Ok(PixelPath { pixel: [17, 4], path: None }));
-        assert_eq!("0, 0,12".parse(), Ok(PixelPath { pixel: [0, 0], path: Some(12) }));
+        assert_eq!(pixel_path("17,4"), Ok(PixelPath { pixel: [17, 4], path: None }));
+        assert_eq!(pixel_path("0, 0,12"), Ok(PixelPath { pixel: [0, 0], path: Some(12) }));
         for bad in ["", "1", "1,", "-1,2", "1,2,3,4", "a,b", "1.5,2", "99999999999,1"] {
-            assert!(bad.parse::<PixelPath>().is_err(), "{bad}");
+            assert!(pixel_path(bad).is_err(), "{bad}");
         }
     }
 }

@@ -53,7 +53,7 @@ impl Compensation {
         if settings.techniques[Technique::Compensation] == Choice::On {
             return Some(Self(TechniqueStats { on: true, ..Default::default() }));
         }
-        let ([width, height], camera) = low_resolution(scene, settings, effort::COMPENSATION.pixels(settings.pixels()));
+        let ([width, height], camera) = low_resolution(scene, settings, effort::compensation_pixels(settings.pixels()));
         let [plain, compensated] = [Density::Radiance, Density::Compensated].map(|density| {
             let seed = hash(settings.seed ^ hash(0x736b_7921));
             let lights = LightProposal { density, ..transport.proposal.lights };

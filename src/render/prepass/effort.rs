@@ -5,28 +5,21 @@ use std::time::Instant;
 use super::super::RenderSettings;
 use crate::integrator::WaveCounts;
 
-/// Pixels of a pre-pass at low resolution.
-#[derive(Debug, Clone, Copy)]
-pub struct Resolution {
-    /// Pixels of the picture per pixel of the pre-pass.
-    divisor: f64,
-    /// Minimum and maximum pixels of the pre-pass.
-    range: [f64; 2],
+/// Pixels of the pre-pass for the density of the environment, of a picture of so many pixels.
+pub fn compensation_pixels(picture_pixels: f64) -> f64 {
+    (picture_pixels / 32.0).clamp(64.0, 1024.0)
 }
 
-impl Resolution {
-    /// Pixels of the pre-pass for a picture of so many pixels.
-    pub fn pixels(&self, picture_pixels: f64) -> f64 {
-        (picture_pixels / self.divisor).clamp(self.range[0], self.range[1])
-    }
+/// Pixels of the pre-pass for learned light selection.
+pub fn learned_lights_pixels(picture_pixels: f64) -> f64 {
+    (picture_pixels / 8.0).clamp(64.0, 8192.0)
 }
 
-/// Resolution for the density of the environment.
-pub const COMPENSATION: Resolution = Resolution { divisor: 32.0, range: [64.0, 1024.0] };
-/// Resolution for learned light selection.
-pub const LEARNED_LIGHTS: Resolution = Resolution { divisor: 8.0, range: [64.0, 8192.0] };
-/// Resolution for guiding.
-pub const GUIDING: Resolution = Resolution { divisor: 16.0, range: [8192.0, f64::INFINITY] };
+/// Pixels of the pre-pass for guiding.
+pub fn guiding_pixels(picture_pixels: f64) -> f64 {
+    (picture_pixels / 16.0).max(8192.0)
+}
+
 /// Minimum and maximum pixels of a picture in the second step of the allocation's pre-pass, within those of a tile. It
 /// takes at most a sixteenth of the paths, but of pictures of less than 64 tiles.
 pub const ALLOCATION_PIXELS: [usize; 2] = [1 << 10, 1 << 13];

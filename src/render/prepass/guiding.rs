@@ -35,16 +35,6 @@ const MIN_SAMPLES_PER_PATH: f64 = 0.04;
 /// Bytes of memory for each cell of a field, where memory limits their number. They take less; more cells would change pictures.
 const BYTES_PER_CELL: f64 = 13_468.0;
 
-/// Pixels of the pre-pass that this learner needs for a picture of so many pixels.
-pub fn pixels(picture_pixels: f64) -> f64 {
-    effort::GUIDING.pixels(picture_pixels)
-}
-
-/// Training samples after which no further round is needed.
-fn sufficient(settings: &RenderSettings) -> f64 {
-    SUFFICIENT_TRAINING_SAMPLES.max(settings.pixels() / 2.0) * worthwhile(settings)
-}
-
 /// Factor of the effort, fitted to relMSE × CPU seconds of pictures of 64, 256 and 1024 paths per pixel.
 fn worthwhile(settings: &RenderSettings) -> f64 {
     let root = (f64::from(settings.expected_spp()) / REFERENCE_SPP).sqrt();
@@ -94,7 +84,7 @@ impl GuidingLearner {
         let max_training_samples = (most / 4.0 / size_of::<TrainingSample>() as f64) as usize;
         let picture_pixels = settings.pixels();
         let worthwhile = worthwhile(settings);
-        let sufficient = sufficient(settings);
+        let sufficient = SUFFICIENT_TRAINING_SAMPLES.max(picture_pixels / 2.0) * worthwhile;
         let max_vertex_records = (most / 8.0 / size_of::<VertexRecord>() as f64)
             .min(VERTEX_RECORDS_PER_SUFFICIENT_SAMPLE * sufficient) as usize;
         Some(Self {
@@ -146,7 +136,7 @@ impl Decided for GuidingLearner {
 
 impl Learner for GuidingLearner {
     fn pixels(&self) -> f64 {
-        pixels(self.picture_pixels)
+        effort::guiding_pixels(self.picture_pixels)
     }
 
     fn wants(&self) -> Option<Wanted> {

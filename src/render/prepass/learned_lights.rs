@@ -12,20 +12,10 @@ use crate::film::compare::sums_without_outliers;
 use crate::integrator::{PreparedScene, Proposal};
 use crate::light::{AreaLights, LearnedLights, LightProposal, LightSampleRecord};
 
-/// Paths after which no further round is needed, per pixel of a pre-pass with the pixels above: four rounds.
+/// Paths after which no further round is needed, per pixel of the pre-pass if it were alone: four rounds.
 const SUFFICIENT_PATHS_PER_PIXEL: f64 = 15.0;
 /// Maximum light-sample records of a round.
 const MAX_RECORDS_PER_ROUND: usize = 1 << 16;
-
-/// Do so many rounds of so many paths in all suffice, where the pre-pass would have `pixels` if it were alone?
-fn suffice(rounds: u32, paths: f64, pixels: f64) -> bool {
-    rounds > 1 && paths >= SUFFICIENT_PATHS_PER_PIXEL * pixels
-}
-
-/// Pixels of the pre-pass that learning needs.
-pub fn pixels(settings: &RenderSettings) -> f64 {
-    effort::LEARNED_LIGHTS.pixels(settings.pixels())
-}
 
 /// Learns from the rounds of a pre-pass.
 pub struct LightsLearner<'a> {
@@ -53,7 +43,7 @@ impl<'a> LightsLearner<'a> {
             area,
             always: settings.techniques[Technique::LearnedLights] == Choice::On,
             scale: 0.25 * scene.scene.radius(),
-            pixels: pixels(settings),
+            pixels: effort::learned_lights_pixels(settings.pixels()),
             records: Vec::new(),
             paths: 0.0,
             finished: false,
@@ -114,7 +104,7 @@ impl Learner for LightsLearner<'_> {
     fn learn(&mut self, round: &mut Round, seconds: f64) {
         self.stats.seconds += seconds;
         self.paths += round.all_paths();
-        let is_last = suffice(round.number + 1, self.paths, self.pixels);
+        let is_last = round.number > 0 && self.paths >= SUFFICIENT_PATHS_PER_PIXEL * self.pixels;
         if round.number == 1 || is_last {
             let lights = self.learned();
             let remaining = lights.map_or(1.0, |lights| self.relative_variance_with(&lights, round));

@@ -17,16 +17,10 @@ const TILE: u32 = 32;
 /// Side of a block in pixels. The divisor of relMSE is the same for a whole block.
 const BLOCK: u32 = 8;
 
-/// Width and height of a view of about `pixels` pixels, not larger than the picture.
-pub fn size(settings: &RenderSettings, pixels: f64) -> [u32; 2] {
-    let all = settings.pixels();
-    let scale = (pixels / all).sqrt().min(1.0);
-    [settings.width, settings.height].map(|n| (f64::from(n) * scale).ceil().max(1.0) as u32)
-}
-
-/// A view of about `pixels` pixels: its [`size`], and its camera.
+/// A view of about `pixels` pixels, not larger than the picture: its width and height, and its camera.
 pub fn low_resolution(scene: &PreparedScene, settings: &RenderSettings, pixels: f64) -> ([u32; 2], CameraRays) {
-    let size = size(settings, pixels);
+    let scale = (pixels / settings.pixels()).sqrt().min(1.0);
+    let size = [settings.width, settings.height].map(|n| (f64::from(n) * scale).ceil().max(1.0) as u32);
     let camera = camera_of_size(&scene.scene, settings, size);
     (size, camera.with_lens(lens(scene, settings).unwrap_or_default()))
 }
