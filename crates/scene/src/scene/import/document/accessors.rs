@@ -21,7 +21,7 @@ pub struct View {
 
 impl View {
     pub fn parse(json: &Json, buffers: &Table<Buffer>) -> Result<Self> {
-        let buffer = json.need("buffer", json.index("buffer", buffers.len(), "buffers")?)?;
+        let buffer = json.need("buffer", json.index("buffer", "buffers")?)?;
         let offset = json.integer("byteOffset")?.unwrap_or(0);
         let length = json.need("byteLength", json.integer("byteLength")?)?;
         if length == 0 {
@@ -33,7 +33,7 @@ impl View {
         }
         let compressed = match buffers.get(buffer) {
             Ok(buffer) if buffer.has_data() => None,
-            _ => Meshopt::parse(json, buffers)?,
+            _ => Meshopt::parse(json)?,
         };
         if compressed.is_some() {
             return Ok(Self { buffer, offset, length, stride, compressed, at: json.at.clone() });
@@ -173,7 +173,7 @@ impl Accessor {
         if normalized && matches!(component, Component::U32 | Component::F32) {
             return Err(json.bad("normalized", "false for FLOAT and UNSIGNED_INT", true));
         }
-        let view = json.index("bufferView", views.len(), "bufferViews")?;
+        let view = json.index("bufferView", "bufferViews")?;
         let offset = json.integer("byteOffset")?.unwrap_or(0);
         let accessor = Self { view, offset, component, shape, normalized, count, sparse: None, at: json.at.clone() };
         if let Some(view) = view {
@@ -251,7 +251,7 @@ fn parse_sparse(json: &Json, accessor: &Accessor, views: &Table<View>) -> Result
     }
     let part = |key: &str| -> Result<(Json, usize, u64)> {
         let part = json.need(key, json.get(key)?)?;
-        let view = part.need("bufferView", part.index("bufferView", views.len(), "bufferViews")?)?;
+        let view = part.need("bufferView", part.index("bufferView", "bufferViews")?)?;
         if views.get(view)?.stride.is_some() {
             return Err(part.bad("bufferView", "a view without byteStride", &views.get(view)?.at));
         }

@@ -1,7 +1,6 @@
 //! Animations: channels that drive properties, each identified by a JSON pointer, and the accessors of their keys.
 
 use super::json::Json;
-use super::lengths::Lengths;
 use crate::error::Result;
 
 /// Interpolation between keys.
@@ -45,11 +44,11 @@ pub struct Animation {
 
 impl Animation {
     /// Parses an animation. Channels without a known target are ignored, as the specification requires.
-    pub fn parse(json: &Json, lengths: &Lengths) -> Result<Self> {
+    pub fn parse(json: &Json) -> Result<Self> {
         let samplers = json.items("samplers")?;
         let mut read = Vec::with_capacity(samplers.len());
         for sampler in &samplers {
-            let accessor = |key| sampler.need(key, sampler.index(key, lengths.accessors, "accessors")?);
+            let accessor = |key| sampler.need(key, sampler.index(key, "accessors")?);
             let interpolation = match sampler.string("interpolation")?.unwrap_or("LINEAR") {
                 "STEP" => Interpolation::Step,
                 "LINEAR" => Interpolation::Linear,
@@ -60,10 +59,10 @@ impl Animation {
         }
         let mut channels = Vec::new();
         for channel in json.items("channels")? {
-            let sampler = channel.index("sampler", samplers.len(), "this animation's samplers")?;
+            let sampler = channel.index_below("sampler", samplers.len(), "this animation's samplers")?;
             let (input, output, interpolation) = read[channel.need("sampler", sampler)?];
             let target = channel.need("target", channel.get("target")?)?;
-            let node = target.index("node", lengths.nodes, "nodes")?;
+            let node = target.index("node", "nodes")?;
             let pointer = match (target.need("path", target.string("path")?)?, node) {
                 (path @ ("translation" | "rotation" | "scale" | "weights"), Some(node)) => {
                     format!("/nodes/{node}/{path}")

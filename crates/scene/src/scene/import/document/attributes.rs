@@ -93,7 +93,7 @@ pub fn parse_attributes(
 ) -> Result<Attributes> {
     let mut attributes = Attributes::new();
     for name in json.object()?.keys() {
-        let index = json.need(name, json.index(name, accessors.len(), "accessors")?)?;
+        let index = json.need(name, json.index(name, "accessors")?)?;
         all_accessors.push(index);
         if name.starts_with('_') {
             continue; // Application-specific.

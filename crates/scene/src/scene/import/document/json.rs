@@ -8,16 +8,17 @@ use serde_json::{Map, Value};
 use crate::error::{Error, Result};
 use crate::scene::import::complaint::bad;
 
-/// A JSON value and its path (`meshes[3].primitives[0]`).
+/// A JSON value and its path (`meshes[3].primitives[0]`) in a document.
 #[derive(Clone)]
 pub struct Json<'a> {
+    root: &'a Value,
     value: &'a Value,
     pub at: String,
 }
 
 impl<'a> Json<'a> {
     pub fn root(value: &'a Value) -> Self {
-        Self { value, at: String::new() }
+        Self { root: value, value, at: String::new() }
     }
 
     pub fn value(&self) -> &'a Value {
@@ -57,14 +58,18 @@ impl<'a> Json<'a> {
     pub fn get(&self, key: &str) -> Result<Option<Json<'a>>> {
         Ok(self
             .typed(key, "an object", |v| v.is_object().then_some(v))?
-            .map(|value| Json { value, at: self.path(key) }))
+            .map(|value| Json { root: self.root, value, at: self.path(key) }))
     }
 
-    /// The elements of an array member; empty if absent.
-    pub fn items(&self, key: &str) -> Result<Vec<Json<'a>>> {
-        let Some(array) = self.typed(key, "an array", Value::as_array)? else { return Ok(Vec::new()) };
-        let path = self.path(key);
-        Ok(array.iter().enumerate().map(|(i, value)| Json { value, at: format!("{path}[{i}]") }).collect())
+    /// The elements of an array, given by its path from here; empty if absent.
+    pub fn items(&self, path: &str) -> Result<Vec<Json<'a>>> {
+        if let Some((key, rest)) = path.split_once('.') {
+            return self.get(key)?.map_or_else(|| Ok(Vec::new()), |json| json.items(rest));
+        }
+        let Some(array) = self.typed(path, "an array", Value::as_array)? else { return Ok(Vec::new()) };
+        let path = self.path(path);
+        let item = |(i, value)| Json { root: self.root, value, at: format!("{path}[{i}]") };
+        Ok(array.iter().enumerate().map(item).collect())
     }
 
     pub fn string(&self, key: &str) -> Result<Option<&'a str>> {
@@ -93,8 +98,13 @@ impl<'a> Json<'a> {
         self.typed(key, "an integer of at least 0", whole)
     }
 
-    /// An index below `len` into the array `what`.
-    pub fn index(&self, key: &str, len: usize, what: &str) -> Result<Option<usize>> {
+    /// An index into an array of the document, given by its path.
+    pub fn index(&self, key: &str, array: &str) -> Result<Option<usize>> {
+        self.index_below(key, self.length(array), array)
+    }
+
+    /// An index below `len` into `what`.
+    pub fn index_below(&self, key: &str, len: usize, what: &str) -> Result<Option<usize>> {
         match self.typed(key, &format!("an index into {what}"), whole)? {
             None => Ok(None),
             Some(index) if index < len as u64 => Ok(Some(index as usize)),
@@ -102,9 +112,10 @@ impl<'a> Json<'a> {
         }
     }
 
-    /// An array of indices; empty if absent.
-    pub fn indices(&self, key: &str, len: usize, what: &str) -> Result<Vec<usize>> {
+    /// An array of indices into an array of the document, given by its path; empty if absent.
+    pub fn indices(&self, key: &str, what: &str) -> Result<Vec<usize>> {
         let Some(array) = self.typed(key, "an array", Value::as_array)? else { return Ok(Vec::new()) };
+        let len = self.length(what);
         let element = |(i, value): (usize, &Value)| match whole(value) {
             Some(index) if index < len as u64 => Ok(index as usize),
             _ => Err(bad(
@@ -114,6 +125,11 @@ impl<'a> Json<'a> {
             )),
         };
         array.iter().enumerate().map(element).collect()
+    }
+
+    /// Length of an array of the document, given by its path; 0 if there is none.
+    fn length(&self, array: &str) -> usize {
+        array.split('.').fold(self.root, |value, key| &value[key]).as_array().map_or(0, Vec::len)
     }
 
     /// A number that is finite as a 32-bit float.

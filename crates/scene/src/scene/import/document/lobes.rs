@@ -4,7 +4,6 @@ use glam::Vec3;
 use gltf::json::extensions::material::Material as Extensions;
 
 use super::json::Json;
-use super::lengths::Lengths;
 use super::texture_info::{TextureInfo, TextureInfos};
 use crate::error::Result;
 use crate::scene::{Material, TextureSlot};
@@ -18,7 +17,6 @@ pub fn parse(
     extensions: &Extensions,
     plain: &mut Material,
     textures: &mut TextureInfos,
-    lengths: &Lengths,
     clamped: &mut Vec<String>,
 ) -> Result<()> {
     let mut within = |json: &Json, key: &str, [low, high]: [f32; 2], x: f32| {
@@ -27,7 +25,7 @@ pub fn parse(
         }
         x.clamp(low, high)
     };
-    let texture = |json: &Json, key: &str| TextureInfo::parse(json, key, lengths);
+    let texture = TextureInfo::parse;
     if let (Some(from), Some(json)) = (&extensions.transmission, json.extension("KHR_materials_transmission")?) {
         plain.transmission = within(&json, "transmissionFactor", [0.0, 1.0], from.transmission_factor.0);
         textures[TextureSlot::Transmission as usize] = texture(&json, "transmissionTexture")?;

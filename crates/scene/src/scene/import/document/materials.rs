@@ -6,7 +6,6 @@ use gltf::json::validation::Checked;
 
 use super::extensions::{Support, support};
 use super::json::{Json, extra};
-use super::lengths::Lengths;
 use super::lobes;
 use super::texture_info::{TextureInfo, TextureInfos};
 use super::typed::read;
@@ -30,7 +29,7 @@ pub struct Material {
 }
 
 impl Material {
-    pub fn parse(json: &Json, lengths: &Lengths) -> Result<Self> {
+    pub fn parse(json: &Json) -> Result<Self> {
         let from: gltf::json::Material = read(json)?;
         let extensions = from.extensions.unwrap_or_default();
         let mut clamped = Vec::new();
@@ -40,7 +39,7 @@ impl Material {
             }
             x.clamp(0.0, 1.0)
         };
-        let texture = |json: &Json, key: &str| TextureInfo::parse(json, key, lengths);
+        let texture = TextureInfo::parse;
         let mut plain =
             scene::Material { name: json.name()?, light_group: extra(json, "light_group"), ..Default::default() };
         let mut textures = [const { None }; TextureSlot::ALL.len()];
@@ -77,7 +76,7 @@ impl Material {
             textures[TextureSlot::Specular as usize] = texture(&json, "specularTexture")?;
             textures[TextureSlot::SpecularColor as usize] = texture(&json, "specularColorTexture")?;
         }
-        lobes::parse(json, &extensions, &mut plain, &mut textures, lengths, &mut clamped)?;
+        lobes::parse(json, &extensions, &mut plain, &mut textures, &mut clamped)?;
         plain.unlit = extensions.unlit.is_some();
         plain.double_sided = from.double_sided;
         let cutoff = from.alpha_cutoff.map_or(0.5, |cutoff| cutoff.0);
@@ -98,19 +97,19 @@ impl Material {
                 (None, Some(map)) => Some(map.at.clone()),
                 _ => None,
             };
-        let left_out = check_other_extensions(json, lengths)?;
+        let left_out = check_other_extensions(json)?;
         Ok(Self { plain, textures, has_occlusion, clamped, left_out, needs_tangents, at: json.at.clone() })
     }
 }
 
 /// Checks the texture indices of ignored extensions; returns the extensions' names with reasons.
-fn check_other_extensions(json: &Json, lengths: &Lengths) -> Result<Vec<(String, &'static str)>> {
+fn check_other_extensions(json: &Json) -> Result<Vec<(String, &'static str)>> {
     let mut left_out = Vec::new();
     for name in json.extension_names()? {
         let (Some(extension), Support::Ignored(why)) = (json.extension(name)?, support(name)) else { continue };
         for (key, value) in extension.object()? {
             if key.ends_with("Texture") && value.is_object() {
-                TextureInfo::parse(&extension, key, lengths)?;
+                TextureInfo::parse(&extension, key)?;
             }
         }
         left_out.push((name.into(), why));

@@ -2,9 +2,7 @@
 
 use meshoptimizer_rs::codec::Mode;
 
-use super::buffers::Buffer;
 use super::json::Json;
-use super::table::Table;
 use crate::error::Result;
 
 /// Filter to invert after a meshopt stream of attributes is decoded.
@@ -33,14 +31,14 @@ pub struct Meshopt {
 
 impl Meshopt {
     /// Parses the extension of a buffer view; `None` if the view is not compressed.
-    pub fn parse(view: &Json, buffers: &Table<Buffer>) -> Result<Option<Self>> {
+    pub fn parse(view: &Json) -> Result<Option<Self>> {
         let khr = view.extension("KHR_meshopt_compression")?;
         let color = khr.is_some();
         let Some(json) = khr.map_or_else(|| view.extension("EXT_meshopt_compression"), |json| Ok(Some(json)))? else {
             return Ok(None);
         };
         let need = |key: &str| json.need(key, json.integer(key)?);
-        let buffer = json.need("buffer", json.index("buffer", buffers.len(), "buffers")?)?;
+        let buffer = json.need("buffer", json.index("buffer", "buffers")?)?;
         let (offset, length) = (json.integer("byteOffset")?.unwrap_or(0), need("byteLength")?);
         let (stride, count) = (need("byteStride")?, need("count")?);
         let text = json.need("mode", json.string("mode")?)?;

@@ -6,7 +6,6 @@ use glam::{DAffine3, DMat4, DQuat, DVec3};
 
 use super::accessors::{Accessor, Component, Shape};
 use super::json::{Json, extra};
-use super::lengths::Lengths;
 use super::lights::Size;
 use super::primitives::{Mesh, read_weights};
 use super::table::Table;
@@ -55,16 +54,16 @@ pub struct Instancing {
 
 impl Node {
     /// Parses a node. Faults of its transform and children are errors; faults of its content are errors where it is shown.
-    pub fn parse(json: &Json, lengths: &Lengths, meshes: &Table<Mesh>, accessors: &Table<Accessor>) -> Result<Self> {
+    pub fn parse(json: &Json, meshes: &Table<Mesh>, accessors: &Table<Accessor>) -> Result<Self> {
         Ok(Self {
             name: json.name()?,
             category: extra(json, "category"),
             light_group: extra(json, "light_group"),
             light_size: Size::parse(json),
-            children: json.indices("children", lengths.nodes, "nodes")?,
+            children: json.indices("children", "nodes")?,
             transform: transform(json)?,
             at: json.at.clone(),
-            content: Content::parse(json, lengths, meshes, accessors),
+            content: Content::parse(json, meshes, accessors),
         })
     }
 
@@ -78,9 +77,9 @@ impl Node {
 }
 
 impl Content {
-    fn parse(json: &Json, lengths: &Lengths, meshes: &Table<Mesh>, accessors: &Table<Accessor>) -> Result<Self> {
-        let mesh = json.index("mesh", lengths.meshes, "meshes")?;
-        let skin = json.index("skin", lengths.skins, "skins")?;
+    fn parse(json: &Json, meshes: &Table<Mesh>, accessors: &Table<Accessor>) -> Result<Self> {
+        let mesh = json.index("mesh", "meshes")?;
+        let skin = json.index("skin", "skins")?;
         let shape = mesh.map(|index| meshes.get(index)).transpose()?;
         if let (Some(shape), Some(_)) = (shape, skin)
             && let Some(primitive) = shape.primitives.iter().find(|p| p.skin_sets() == 0)
@@ -89,9 +88,7 @@ impl Content {
         }
         let weights = read_weights(json, shape.map_or(0, |shape| shape.weights.len()))?;
         let light = match json.extension("KHR_lights_punctual")? {
-            Some(json) => {
-                Some(json.need("light", json.index("light", lengths.lights, "extensions.KHR_lights_punctual.lights")?)?)
-            }
+            Some(json) => Some(json.need("light", json.index("light", "extensions.KHR_lights_punctual.lights")?)?),
             None => None,
         };
         let instancing = match json.extension("EXT_mesh_gpu_instancing")? {
@@ -102,7 +99,7 @@ impl Content {
             Some(json) => json.boolean("visible", true)?,
             None => true,
         };
-        let camera = json.index("camera", lengths.cameras, "cameras")?;
+        let camera = json.index("camera", "cameras")?;
         let extensions = json.extension_names()?.into_iter().map(Into::into).collect();
         Ok(Self { mesh, skin, camera, light, weights, instancing, visible, extensions })
     }
@@ -132,7 +129,7 @@ impl Instancing {
         let attributes = json.need("attributes", json.get("attributes")?)?;
         let mut out = Self { translation: None, rotation: None, scale: None, all: Vec::new() };
         for name in attributes.object()?.keys() {
-            let index = attributes.need(name, attributes.index(name, accessors.len(), "accessors")?)?;
+            let index = attributes.need(name, attributes.index(name, "accessors")?)?;
             let a = accessors.get(index)?;
             let float = a.component == Component::F32;
             let (fits, slot) = match name.as_str() {
