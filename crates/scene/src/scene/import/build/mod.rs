@@ -54,7 +54,7 @@ use reader::Reader;
 use textures::TextureTable;
 pub use time_samples::{TimeSample, time_sample, time_samples};
 use transforms::{is_flat, is_visible, lost_direction, thickened, to_f32};
-use unshown::{note_document, note_faults, note_unplaced};
+use unshown::{note_document, note_extensions, note_faults, note_unplaced};
 
 /// The document to build, with the state of its animations.
 pub struct ShownDocument<'a> {
@@ -374,11 +374,7 @@ impl Assembly<'_> {
         let document = self.document;
         let mut drafts: Vec<(usize, Draft)> = Vec::new();
         for (i, primitive) in mesh.primitives.iter().enumerate() {
-            for name in &primitive.extensions {
-                if let Support::Ignored(why) = support(name) {
-                    notes.ignored(&format!("{}.extensions.{name}", primitive.at), format!("{name}: {why}"));
-                }
-            }
+            note_extensions(&primitive.at, &primitive.extensions, notes);
             // Points and lines are not rendered; reading them notes it.
             if primitive.mode < 4 {
                 primitive::read(&mut self.reader, primitive, &scene::Material::default(), poses, notes)?;

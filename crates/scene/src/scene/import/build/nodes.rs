@@ -7,10 +7,10 @@ use glam::{Affine3A, DAffine3, DMat4, DQuat, DVec3};
 
 use super::reader::Reader;
 use super::time_samples::TimeSample;
+use super::unshown::note_extensions;
 use super::{cameras, lights};
 use crate::error::{Error, Result};
 use crate::scene::import::document::Document;
-use crate::scene::import::document::extensions::{Support, support};
 use crate::scene::import::document::nodes::{Instancing, world_transforms};
 use crate::scene::import::report::Notes;
 use crate::scene::{Camera, LightNode, Motion, PunctualLight};
@@ -86,11 +86,7 @@ pub fn flatten(
         let light_group = node.light_group.clone().or(parent_group);
         let inherited = [category.clone(), light_group.clone()];
         stack.extend(node.children.iter().rev().map(|&child| (child, visible, inherited.clone())));
-        for name in &content.extensions {
-            if let Support::Ignored(why) = support(name) {
-                notes.ignored(&format!("{}.extensions.{name}", node.at), format!("{name}: {why}"));
-            }
-        }
+        note_extensions(&node.at, &content.extensions, notes);
         let world = worlds[index];
         if let Some(camera) = content.camera.map(|c| document.cameras.get(c)).transpose()? {
             let name = if node.name == node.at { camera.name.clone() } else { None };

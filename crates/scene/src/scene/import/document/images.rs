@@ -120,12 +120,12 @@ impl Texture {
         };
         let sources = [extension_source(WEBP)?, core, extension_source(BASIS)?].into_iter().flatten().collect();
         let mut alternatives = Vec::new();
-        for name in json.extension_names()?.into_iter().filter(|name| ![WEBP, BASIS].contains(name)) {
-            if let Some(extension) = json.extension(name)?
+        for name in json.extension_names()?.into_iter().filter(|name| ![WEBP, BASIS].contains(&&name[..])) {
+            if let Some(extension) = json.extension(&name)?
                 && extension.object()?.contains_key("source")
                 && (core.is_some() || extension.index("source", "images")?.is_some())
             {
-                alternatives.push(name.into());
+                alternatives.push(name);
             }
         }
         Ok(Self { sources, sampler, alternatives, at: json.at.clone() })

@@ -163,9 +163,9 @@ impl<'a> Json<'a> {
     }
 
     /// Names of this object's extensions.
-    pub fn extension_names(&self) -> Result<Vec<&'a str>> {
+    pub fn extension_names(&self) -> Result<Vec<String>> {
         match self.get("extensions")? {
-            Some(extensions) => Ok(extensions.object()?.keys().map(String::as_str).collect()),
+            Some(extensions) => Ok(extensions.object()?.keys().cloned().collect()),
             None => Ok(Vec::new()),
         }
     }

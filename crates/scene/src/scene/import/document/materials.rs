@@ -21,8 +21,7 @@ pub struct Material {
     pub has_occlusion: bool,
     /// Paths of factors outside of 0 to 1.
     pub clamped: Vec<String>,
-    /// Ignored extensions: name and reason.
-    pub left_out: Vec<(String, &'static str)>,
+    pub extensions: Vec<String>,
     /// JSON path of the texture that requires tangents in the file.
     pub needs_tangents: Option<String>,
     pub at: String,
@@ -89,23 +88,22 @@ impl Material {
                 (None, Some(map)) => Some(map.at.clone()),
                 _ => None,
             };
-        let left_out = check_other_extensions(json)?;
+        let extensions = check_other_extensions(json)?;
         let clamped = factors.clamped;
-        Ok(Self { plain, textures, has_occlusion, clamped, left_out, needs_tangents, at: json.at.clone() })
+        Ok(Self { plain, textures, has_occlusion, clamped, extensions, needs_tangents, at: json.at.clone() })
     }
 }
 
-/// Checks the texture indices of ignored extensions; returns the extensions' names with reasons.
-fn check_other_extensions(json: &Json) -> Result<Vec<(String, &'static str)>> {
-    let mut left_out = Vec::new();
-    for name in json.extension_names()? {
-        let (Some(extension), Support::Ignored(why)) = (json.extension(name)?, support(name)) else { continue };
+/// Checks the texture indices of ignored extensions; returns the names of all.
+fn check_other_extensions(json: &Json) -> Result<Vec<String>> {
+    let names = json.extension_names()?;
+    for name in &names {
+        let (Some(extension), Support::Ignored(_)) = (json.extension(name)?, support(name)) else { continue };
         for (key, value) in extension.object()? {
             if key.ends_with("Texture") && value.is_object() {
                 TextureInfo::parse(&extension, key)?;
             }
         }
-        left_out.push((name.into(), why));
     }
-    Ok(left_out)
+    Ok(names)
 }

@@ -100,7 +100,7 @@ impl Content {
             None => true,
         };
         let camera = json.index("camera", "cameras")?;
-        let extensions = json.extension_names()?.into_iter().map(Into::into).collect();
+        let extensions = json.extension_names()?;
         Ok(Self { mesh, skin, camera, light, weights, instancing, visible, extensions })
     }
 }

@@ -152,7 +152,7 @@ impl Primitive {
                 if indices.is_none() { "no indices".into() } else { mode.to_string() },
             ));
         }
-        let extensions = json.extension_names()?.into_iter().map(Into::into).collect();
+        let extensions = json.extension_names()?;
         Ok(Self { attributes, indices, mode, material, targets, draco, extensions, at: json.at.clone() })
     }
 
