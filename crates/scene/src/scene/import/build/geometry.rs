@@ -96,27 +96,30 @@ impl Geometry {
 
     /// Removes vertices that no triangle uses: primitives often share one large array.
     pub fn compact(&mut self) {
-        const UNUSED: u32 = u32::MAX;
-        let mut new_index = vec![UNUSED; self.positions.len()];
-        self.indices.iter().flatten().for_each(|&i| new_index[i as usize] = 0);
-        if !new_index.contains(&UNUSED) {
+        let mut used = vec![false; self.positions.len()];
+        self.indices.iter().flatten().for_each(|&i| used[i as usize] = true);
+        if !used.contains(&false) {
             return;
         }
-        let keep: Vec<bool> = new_index.iter().map(|&i| i != UNUSED).collect();
-        for (next, slot) in (0..).zip(new_index.iter_mut().filter(|slot| **slot != UNUSED)) {
-            *slot = next;
-        }
+        let kept: Vec<u32> = (0..).zip(&used).filter(|(_, used)| **used).map(|(i, _)| i).collect();
+        let mut new_index = vec![0; used.len()];
+        (0..).zip(&kept).for_each(|(next, &i)| new_index[i as usize] = next);
         self.indices.iter_mut().flatten().for_each(|i| *i = new_index[*i as usize]);
-        fn filter<T: Copy>(values: &mut Vec<T>, keep: &[bool]) {
-            *values = values.iter().zip(keep).filter(|(_, keep)| **keep).map(|(v, _)| *v).collect();
+        self.pick(&kept);
+    }
+
+    /// Replaces the vertices by those with these indices.
+    fn pick(&mut self, from: &[u32]) {
+        fn pick<T: Copy>(values: &mut Vec<T>, from: &[u32]) {
+            *values = from.iter().map(|&i| values[i as usize]).collect();
         }
-        filter(&mut self.positions, &keep);
-        self.source.iter_mut().for_each(|v| filter(v, &keep));
-        self.normals.iter_mut().for_each(|v| filter(v, &keep));
-        self.tangents.iter_mut().for_each(|v| filter(v, &keep));
-        self.texcoords.iter_mut().flatten().for_each(|v| filter(v, &keep));
-        self.more_texcoords.iter_mut().for_each(|(_, v)| filter(v, &keep));
-        self.colors.iter_mut().for_each(|v| filter(v, &keep));
+        pick(&mut self.positions, from);
+        self.source.iter_mut().for_each(|v| pick(v, from));
+        self.normals.iter_mut().for_each(|v| pick(v, from));
+        self.tangents.iter_mut().for_each(|v| pick(v, from));
+        self.texcoords.iter_mut().flatten().for_each(|v| pick(v, from));
+        self.more_texcoords.iter_mut().for_each(|(_, v)| pick(v, from));
+        self.colors.iter_mut().for_each(|v| pick(v, from));
     }
 
     /// Normalizes normals; those of length zero become the area-weighted mean of their triangles' normals. Normals that contradict
@@ -158,44 +161,25 @@ impl Geometry {
 
     /// Splits vertices so that no two triangles share one.
     pub fn unweld(&mut self) {
-        fn spread<T: Copy>(values: &mut Vec<T>, indices: &[[u32; 3]]) {
-            *values = indices.iter().flatten().map(|&i| values[i as usize]).collect();
-        }
-        spread(&mut self.positions, &self.indices);
-        self.source.iter_mut().for_each(|v| spread(v, &self.indices));
-        self.normals.iter_mut().for_each(|v| spread(v, &self.indices));
-        self.tangents.iter_mut().for_each(|v| spread(v, &self.indices));
-        self.texcoords.iter_mut().flatten().for_each(|v| spread(v, &self.indices));
-        self.more_texcoords.iter_mut().for_each(|(_, v)| spread(v, &self.indices));
-        self.colors.iter_mut().for_each(|v| spread(v, &self.indices));
-        for (i, triangle) in self.indices.iter_mut().enumerate() {
-            *triangle = [0, 1, 2].map(|corner| 3 * i as u32 + corner);
-        }
+        let triangles = std::mem::take(&mut self.indices);
+        self.pick(triangles.as_flattened());
+        self.indices = (0..triangles.len() as u32).map(|i| [0, 1, 2].map(|corner| 3 * i + corner)).collect();
     }
 
     /// Merges the corners of an unwelded mesh whose original vertex (`origin`) and tangent are equal.
     pub fn weld(&mut self, origin: &[u32]) {
         let mut by_key: HashMap<(u32, [u32; 4]), u32> = HashMap::new();
-        let mut kept: Vec<usize> = Vec::new();
+        let mut kept: Vec<u32> = Vec::new();
         let tangents = self.tangents.as_ref();
         let mut target = Vec::with_capacity(origin.len());
-        for (corner, &vertex) in origin.iter().enumerate() {
-            let tangent = tangents.map_or([0; 4], |t| t[corner].map(f32::to_bits));
+        for (corner, &vertex) in (0..).zip(origin) {
+            let tangent = tangents.map_or([0; 4], |t| t[corner as usize].map(f32::to_bits));
             target.push(*by_key.entry((vertex, tangent)).or_insert_with(|| {
                 kept.push(corner);
                 (kept.len() - 1) as u32
             }));
         }
-        fn pick<T: Copy>(values: &mut Vec<T>, kept: &[usize]) {
-            *values = kept.iter().map(|&i| values[i]).collect();
-        }
-        pick(&mut self.positions, &kept);
-        self.source.iter_mut().for_each(|v| pick(v, &kept));
-        self.normals.iter_mut().for_each(|v| pick(v, &kept));
-        self.tangents.iter_mut().for_each(|v| pick(v, &kept));
-        self.texcoords.iter_mut().flatten().for_each(|v| pick(v, &kept));
-        self.more_texcoords.iter_mut().for_each(|(_, v)| pick(v, &kept));
-        self.colors.iter_mut().for_each(|v| pick(v, &kept));
+        self.pick(&kept);
         self.indices.iter_mut().flatten().for_each(|i| *i = target[*i as usize]);
     }
 
