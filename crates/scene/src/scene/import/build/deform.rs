@@ -98,12 +98,7 @@ fn morph(reader: &mut Reader, primitive: &Primitive, weights: &[f32], g: &mut Ge
 fn skin(reader: &mut Reader, primitive: &Primitive, joints: &[DMat4], g: &mut Geometry) -> Result<()> {
     reader.budget.take(&primitive.at, g.positions.len() as u64, size_of::<DMat4>() as u64)?;
     let mut blended = vec![(DMat4::ZERO, 0.0_f64); g.positions.len()];
-    for set in 0..primitive.skin_sets() {
-        let (Some(&joint_index), Some(&weight_index)) =
-            (primitive.attributes.get(&Semantic::Joints(set)), primitive.attributes.get(&Semantic::Weights(set)))
-        else {
-            continue;
-        };
+    for (joint_index, weight_index) in primitive.skin_sets() {
         let chosen = reader.integers::<4>(joint_index)?;
         let weights = reader.floats::<4>(weight_index)?;
         for (vertex, ((matrix, sum), (chosen, weights))) in

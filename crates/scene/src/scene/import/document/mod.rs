@@ -39,7 +39,7 @@ use images::{Image, ImageData, Sampler, Texture};
 use json::{Json, each_extension, join};
 use lights::Light;
 use materials::Material;
-use nodes::{Node, check_forest};
+use nodes::{Node, check_forest, have_parents, top_nodes};
 use primitives::{Mesh, References};
 use skins::Skin;
 use table::Table;
@@ -247,19 +247,9 @@ fn check_version(asset: &Json) -> Result<()> {
     Ok(())
 }
 
-fn parents(nodes: &[Node]) -> Vec<bool> {
-    let mut has_parent = vec![false; nodes.len()];
-    nodes.iter().flat_map(|n| &n.children).for_each(|&child| has_parent[child] = true);
-    has_parent
-}
-
-fn top_nodes(nodes: &[Node]) -> Vec<usize> {
-    parents(nodes).iter().enumerate().filter(|(_, has)| !**has).map(|(i, _)| i).collect()
-}
-
 /// Checks that a scene lists root nodes, each once, so that no node is shown twice.
 fn check_roots(roots: &[usize], nodes: &[Node], at: &str) -> Result<()> {
-    let mut taken = parents(nodes);
+    let mut taken = have_parents(nodes);
     for (i, &root) in roots.iter().enumerate() {
         if std::mem::replace(&mut taken[root], true) {
             return Err(bad(

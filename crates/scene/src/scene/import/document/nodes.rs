@@ -82,7 +82,7 @@ impl Content {
         let skin = json.index("skin", "skins")?;
         let shape = mesh.map(|index| meshes.get(index)).transpose()?;
         if let (Some(shape), Some(_)) = (shape, skin)
-            && let Some(primitive) = shape.primitives.iter().find(|p| p.skin_sets() == 0)
+            && let Some(primitive) = shape.primitives.iter().find(|p| p.skin_sets().next().is_none())
         {
             return Err(json.bad("skin", format!("JOINTS_0 and WEIGHTS_0 in {}", primitive.at), "none"));
         }
@@ -184,13 +184,23 @@ pub fn check_forest(nodes: &[Node]) -> Result<()> {
     }
 }
 
+/// For each node: is it a child of another?
+pub fn have_parents(nodes: &[Node]) -> Vec<bool> {
+    let mut is_child = vec![false; nodes.len()];
+    nodes.iter().flat_map(|n| &n.children).for_each(|&child| is_child[child] = true);
+    is_child
+}
+
+/// Indices of the nodes without a parent.
+pub fn top_nodes(nodes: &[Node]) -> Vec<usize> {
+    let is_child = have_parents(nodes);
+    (0..nodes.len()).filter(|&i| !is_child[i]).collect()
+}
+
 /// Every node's transform to world space, also of nodes that no scene shows. The nodes must be a forest.
 pub fn world_transforms(nodes: &[Node]) -> Vec<DAffine3> {
     let mut worlds = vec![DAffine3::IDENTITY; nodes.len()];
-    let mut is_child = vec![false; nodes.len()];
-    nodes.iter().flat_map(|n| &n.children).for_each(|&c| is_child[c] = true);
-    let mut stack: Vec<(usize, DAffine3)> =
-        (0..nodes.len()).filter(|&i| !is_child[i]).map(|i| (i, DAffine3::IDENTITY)).collect();
+    let mut stack: Vec<_> = top_nodes(nodes).into_iter().map(|i| (i, DAffine3::IDENTITY)).collect();
     while let Some((index, parent)) = stack.pop() {
         worlds[index] = parent * nodes[index].transform;
         stack.extend(nodes[index].children.iter().map(|&child| (child, worlds[index])));

@@ -156,8 +156,9 @@ impl Primitive {
         Ok(Self { attributes, indices, mode, material, targets, draco, extensions, at: json.at.clone() })
     }
 
-    /// Number of JOINTS/WEIGHTS pairs.
-    pub fn skin_sets(&self) -> u32 {
-        (0..).take_while(|&i| self.attributes.contains_key(&Semantic::Joints(i))).count() as u32
+    /// Accessors of each pair of JOINTS and WEIGHTS.
+    pub fn skin_sets(&self) -> impl Iterator<Item = (usize, usize)> {
+        let accessor = |semantic| self.attributes.get(&semantic).copied();
+        (0..).map_while(move |i| Some((accessor(Semantic::Joints(i))?, accessor(Semantic::Weights(i))?)))
     }
 }
