@@ -158,7 +158,7 @@ impl Primitive {
 
     /// Accessors of each pair of JOINTS and WEIGHTS.
     pub fn skin_sets(&self) -> impl Iterator<Item = (usize, usize)> {
-        let accessor = |semantic| self.attributes.get(&semantic).copied();
+        let accessor = move |semantic| self.attributes.get(&semantic).copied();
         (0..).map_while(move |i| Some((accessor(Semantic::Joints(i))?, accessor(Semantic::Weights(i))?)))
     }
 }
