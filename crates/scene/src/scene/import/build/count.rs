@@ -1,9 +1,7 @@
 //! Sizes of a scene.
 
-use std::sync::Arc;
-
 use crate::scene::import::report::SceneCounts;
-use crate::scene::{self, Deformation, Instance, Mesh, Scene, Texels};
+use crate::scene::{self, Deformation, Mesh, Scene, Texels};
 
 /// Size of a mesh's arrays in bytes.
 pub fn mesh_bytes(mesh: &Mesh) -> u64 {
@@ -33,14 +31,9 @@ pub fn image_bytes(image: &scene::Image) -> u64 {
 
 /// Counts a scene's elements and bytes.
 pub fn count(scene: &Scene) -> SceneCounts {
-    let triangles = |meshes: &[Arc<Mesh>]| meshes.iter().map(|m| m.indices.len() as u64).sum::<u64>();
-    let instance_triangles = |i: &Instance| {
-        let range = &scene.objects[i.object as usize].meshes;
-        triangles(&scene.meshes[range.start as usize..range.end as usize])
-    };
     SceneCounts {
-        triangles: triangles(&scene.meshes),
-        instanced_triangles: scene.instances.iter().map(instance_triangles).sum(),
+        triangles: scene.meshes.iter().map(|mesh| mesh.indices.len() as u64).sum(),
+        instanced_triangles: scene.instances.iter().map(|i| scene.triangles(i.object) as u64).sum(),
         meshes: scene.meshes.len() as u64,
         objects: scene.objects.len() as u64,
         instances: scene.instances.len() as u64,

@@ -190,13 +190,9 @@ type Form = (Vec<f32>, Option<Vec<DMat4>>);
 /// The only placement of an object that does not move, with its transforms one frame before and after if they differ.
 type SinglePlacement<'a> = (&'a Placement, Option<[DAffine3; 2]>);
 
-/// Transforms of a placement over time.
-struct PlacementTimes {
-    /// At the time samples of the shutter; `None` if they do not change.
-    shutter: Option<Vec<DAffine3>>,
-    /// One frame before and after; `None` if equal to the picture's.
-    adjacent_frames: Option<[DAffine3; 2]>,
-}
+/// Transforms of a placement over time: at the time samples of the shutter, `None` if they do not change; one frame before and
+/// after, `None` if equal to the picture's.
+type PlacementTimes = (Option<Vec<DAffine3>>, Option<[DAffine3; 2]>);
 
 /// Objects of the previous import of the same files, and of this one.
 struct ObjectReuse {
@@ -249,8 +245,8 @@ impl Assembly<'_> {
         // The transform is baked into the meshes if the object is placed once and does not move.
         let single = match placements {
             [placement] => match self.placement_times(placement, notes) {
-                PlacementTimes { shutter: Some(_), .. } => None,
-                PlacementTimes { shutter: None, adjacent_frames } => Some((*placement, adjacent_frames)),
+                (Some(_), _) => None,
+                (None, adjacent_frames) => Some((*placement, adjacent_frames)),
             },
             _ => None,
         };
@@ -290,9 +286,7 @@ impl Assembly<'_> {
             self.framed_objects.extend((!worlds.is_empty()).then_some((object, single.is_some(), worlds)));
         }
         if let Some((placement, _)) = single {
-            let (name, category) = (placement.name.clone(), placement.category.clone());
-            let light_group = placement.light_group.clone();
-            self.scene.instances.push(Instance { name, category, light_group, object, ..Default::default() });
+            self.scene.instances.push(placement.instance(object));
             return Ok(());
         }
         self.add_instances(object, mesh, placements, notes)
@@ -312,18 +306,15 @@ impl Assembly<'_> {
         let thick = |worlds: Vec<DAffine3>| worlds.iter().map(|world| thickened(world, &corners)).collect::<Vec<_>>();
         for placement in placements {
             // One after the other: transforms at all times take more memory than what is kept of them.
-            let times = self.placement_times(placement, notes);
-            for world in [&placement.world].into_iter().chain(times.shutter.iter().flatten()) {
+            let (shutter, adjacent_frames) = self.placement_times(placement, notes);
+            for world in [&placement.world].into_iter().chain(shutter.iter().flatten()) {
                 check_extent(&corners, world, &placement.at, &mesh.at)?;
             }
             self.scene.instances.push(Instance {
-                name: placement.name.clone(),
-                category: placement.category.clone(),
-                light_group: placement.light_group.clone(),
-                object,
                 transform: Some(to_f32(&thickened(&placement.world, &corners))),
-                motion: times.shutter.and_then(|transforms| Motion::new(&thick(transforms))).map(Arc::new),
-                adjacent_frames: times.adjacent_frames.map(|both| both.map(|w| to_f32(&thickened(&w, &corners)))),
+                motion: shutter.and_then(|transforms| Motion::new(&thick(transforms))).map(Arc::new),
+                adjacent_frames: adjacent_frames.map(|both| both.map(|w| to_f32(&thickened(&w, &corners)))),
+                ..placement.instance(object)
             });
         }
         Ok(())
@@ -353,13 +344,8 @@ impl Assembly<'_> {
             let text = "zero or infinite scale while the shutter is open: rendered without motion, as at the picture's own time";
             notes.approximated(&placement.at, text);
         }
-        PlacementTimes {
-            shutter: (solid && !still(shutter)).then(|| shutter.to_vec()),
-            adjacent_frames: adjacent_frames
-                .try_into()
-                .ok()
-                .filter(|adjacent_frames: &[DAffine3; 2]| !still(adjacent_frames)),
-        }
+        let adjacent_frames = <[DAffine3; 2]>::try_from(adjacent_frames).ok();
+        ((solid && !still(shutter)).then(|| shutter.to_vec()), adjacent_frames.filter(|both| !still(both)))
     }
 
     /// Reads an object's meshes, each with the index of its primitive; in world space if there is a `single` placement; without

@@ -13,7 +13,7 @@ use crate::error::{Error, Result};
 use crate::scene::import::document::Document;
 use crate::scene::import::document::nodes::{Instancing, world_transforms};
 use crate::scene::import::report::Notes;
-use crate::scene::{Camera, LightNode, Motion, PunctualLight};
+use crate::scene::{Camera, Instance, LightNode, Motion, PunctualLight};
 
 /// Identity of an object: nodes with equal keys share their meshes.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
@@ -29,9 +29,9 @@ pub struct ObjectKey {
 /// A placement of an object.
 pub struct Placement {
     pub name: String,
-    /// [`crate::scene::Instance::category`].
+    /// [`Instance::category`].
     pub category: Option<Arc<str>>,
-    /// [`crate::scene::Instance::light_group`].
+    /// [`Instance::light_group`].
     pub light_group: Option<Arc<str>>,
     pub world: DAffine3,
     pub at: String,
@@ -42,6 +42,12 @@ pub struct Placement {
 }
 
 impl Placement {
+    /// The instance of an object whose meshes are in world space.
+    pub fn instance(&self, object: u32) -> Instance {
+        let (name, category, light_group) = (self.name.clone(), self.category.clone(), self.light_group.clone());
+        Instance { name, category, light_group, object, ..Default::default() }
+    }
+
     /// Object to world at each time sample; empty for skinned meshes.
     pub fn transforms_at(&self, time_samples: &[TimeSample]) -> Vec<DAffine3> {
         self.node.iter().flat_map(|&(node, local)| time_samples.iter().map(move |m| m.worlds[node] * local)).collect()
@@ -129,17 +135,11 @@ pub fn flatten(
             weights_over_time.clear();
         }
         let key = ObjectKey { mesh, weights: bits(weights), weights_over_time, skin: content.skin };
-        let placements = match by_key.get(&key) {
-            Some(&i) => &mut out.objects[i].1,
-            None => {
-                by_key.insert(key.clone(), out.objects.len());
-                out.objects.push((key, Vec::new()));
-                match out.objects.last_mut() {
-                    Some((_, placements)) => placements,
-                    None => continue,
-                }
-            }
-        };
+        let object = *by_key.entry(key.clone()).or_insert(out.objects.len());
+        if object == out.objects.len() {
+            out.objects.push((key, Vec::new()));
+        }
+        let placements = &mut out.objects[object].1;
         let place = |world: DAffine3, inside: Option<(usize, DAffine3)>| Placement {
             name: node.name.clone(),
             category: category.clone(),
