@@ -370,20 +370,20 @@ impl Assembly<'_> {
             let shading = &self.materials.materials[material as usize];
             if let Some(mut geometry) = primitive::read(&mut self.reader, primitive, shading, poses, notes)? {
                 lost.into_iter().for_each(|lost| geometry.drop_edge_on(lost));
-                if geometry.indices.is_empty() {
+                if geometry.mesh.indices.is_empty() {
                     notes.not_loaded(&primitive.at, "a primitive that its scale flattens to lines: nothing to see");
                     continue;
                 }
-                let name = match mesh.primitives.len() {
+                geometry.mesh.name = match mesh.primitives.len() {
                     1 => mesh.name.clone(),
                     _ => format!("{}[{i}]", mesh.name),
                 };
-                drafts.push((i, Draft { geometry, name, material, world: None }));
+                geometry.mesh.material = material;
+                drafts.push((i, Draft { geometry, world: None }));
             }
         }
         if let Some((placement, adjacent_frames)) = single {
-            let positions = drafts.iter().flat_map(|(_, draft)| &draft.geometry.positions);
-            let corners = corners(positions.map(|p| DVec3::from(p.map(f64::from))));
+            let corners = corners(points(drafts.iter().map(|(_, draft)| &draft.geometry.mesh)));
             check_extent(&corners, &placement.world, &placement.at, &mesh.at)?;
             let thick = |world: DAffine3| thickened(&world, &corners);
             let world = (thick(placement.world), adjacent_frames.map(|both| both.map(thick)));
