@@ -169,6 +169,36 @@ impl<'a> Json<'a> {
             None => Ok(Vec::new()),
         }
     }
+
+    /// Visits every extension in this value, except in `extras`, with the path of its `extensions` object. Recursion depth is
+    /// bounded by the JSON parser's limit.
+    ///
+    /// # Errors
+    /// An `extensions` member, or an extension, that is not an object.
+    pub fn each_extension(&self, seen: &mut impl FnMut(&str, &str)) -> Result<()> {
+        let holds_more = |value: &Value| value.is_object() || value.is_array();
+        if let Value::Array(items) = self.value {
+            for (i, value) in items.iter().enumerate().filter(|(_, value)| holds_more(value)) {
+                Json { root: self.root, value, at: format!("{}[{i}]", self.at) }.each_extension(seen)?;
+            }
+        }
+        for (key, value) in self.value.as_object().into_iter().flatten().filter(|(key, _)| *key != "extras") {
+            if key != "extensions" && !holds_more(value) {
+                continue;
+            }
+            let member = Json { root: self.root, value, at: self.path(key) };
+            if key == "extensions" {
+                for (name, extension) in member.object()? {
+                    if !extension.is_object() {
+                        return Err(member.bad(name, "an object", kind(extension)));
+                    }
+                    seen(name, &member.at);
+                }
+            }
+            member.each_extension(seen)?;
+        }
+        Ok(())
+    }
 }
 
 fn finite(value: &Value) -> Option<f64> {
@@ -197,71 +227,8 @@ pub fn shown(value: &Value) -> String {
     if text.chars().count() <= LONGEST { text } else { text.chars().take(LONGEST).chain(['…']).collect() }
 }
 
-/// One step of a path.
-pub enum Step<'a> {
-    Key(&'a str),
-    Index(usize),
-}
-
-/// The steps as a JSON path.
-pub fn join(steps: &[Step]) -> String {
-    let mut out = String::new();
-    for step in steps {
-        match step {
-            Step::Index(i) => out.push_str(&format!("[{i}]")),
-            Step::Key(key) if out.is_empty() => out.push_str(key),
-            Step::Key(key) => out.push_str(&format!(".{key}")),
-        }
-    }
-    out
-}
-
 /// A text in `extras`, which may be anything: what is no text, or empty, is `None`.
 pub fn extra(json: &Json, name: &str) -> Option<Arc<str>> {
     let text = json.value().get("extras")?.get(name)?.as_str()?;
     (!text.is_empty()).then(|| text.into())
-}
-
-/// Visits every extension in the document, except in `extras`, with the path of its `extensions` object. Recursion depth is
-/// bounded by the JSON parser's limit.
-///
-/// # Errors
-/// An `extensions` member, or an extension, that is not an object.
-pub fn each_extension<'a>(
-    value: &'a Value,
-    at: &mut Vec<Step<'a>>,
-    seen: &mut impl FnMut(&'a str, &[Step]),
-) -> Result<()> {
-    match value {
-        Value::Array(items) => {
-            for (i, item) in items.iter().enumerate() {
-                at.push(Step::Index(i));
-                each_extension(item, at, seen)?;
-                at.pop();
-            }
-        }
-        Value::Object(members) => {
-            for (key, member) in members {
-                if key == "extras" {
-                    continue;
-                }
-                at.push(Step::Key(key));
-                if key == "extensions" {
-                    let Some(extensions) = member.as_object() else {
-                        return Err(bad(&join(at), "an object", kind(member)));
-                    };
-                    for (name, extension) in extensions {
-                        if !extension.is_object() {
-                            return Err(bad(&format!("{}.{name}", join(at)), "an object", kind(extension)));
-                        }
-                        seen(name, at);
-                    }
-                }
-                each_extension(member, at, seen)?;
-                at.pop();
-            }
-        }
-        _ => {}
-    }
-    Ok(())
 }

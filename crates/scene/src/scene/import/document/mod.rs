@@ -36,7 +36,7 @@ use animations::Animation;
 use buffers::Buffer;
 use cameras::Camera;
 use images::{Image, ImageData, Sampler, Texture};
-use json::{Json, each_extension, join};
+use json::Json;
 use lights::Light;
 use materials::Material;
 use nodes::{Node, check_forest, have_parents, top_nodes};
@@ -91,7 +91,7 @@ impl Document {
         check_version(&asset)?;
         let required = strings(&root, "extensionsRequired")?;
         extensions::check_required(&required)?;
-        let extensions = extension_places(&root, json)?;
+        let extensions = extension_places(&root)?;
         let quantized = required.iter().any(|name| name == "KHR_mesh_quantization");
         if let Some(json) = root.extension("KHR_lights_punctual")?.filter(|json| json.value().get("lights").is_none()) {
             return Err(json.bad("lights", "an array", "nothing"));
@@ -176,12 +176,12 @@ impl Document {
 }
 
 /// Extensions that are declared or occur in the document, each with the JSON path of its first occurrence.
-fn extension_places(root: &Json, json: &Value) -> Result<BTreeMap<String, String>> {
+fn extension_places(root: &Json) -> Result<BTreeMap<String, String>> {
     let declared = strings(root, "extensionsUsed")?;
     let mut places: BTreeMap<String, String> =
         declared.into_iter().map(|name| (name, "extensionsUsed".into())).collect();
-    each_extension(json, &mut Vec::new(), &mut |name, at| {
-        places.entry(name.into()).or_insert_with(|| join(at));
+    root.each_extension(&mut |name, at| {
+        places.entry(name.into()).or_insert_with(|| at.into());
     })?;
     Ok(places)
 }
