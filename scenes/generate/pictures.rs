@@ -148,7 +148,7 @@ pub mod plaster {
 /// 2π, v = acos(y) / π from the top.
 pub struct Sky {
     pub sun: DVec3,
-    /// Radians.
+    /// Degrees.
     pub sun_radius: f64,
     pub sun_radiance: DVec3,
     pub zenith: DVec3,
@@ -160,7 +160,7 @@ pub struct Sky {
 
 impl Sky {
     pub fn hdr(&self, width: u32, height: u32) -> Result<Vec<u8>, ImageError> {
-        let sun = self.sun.normalize();
+        let (sun, sun_radius) = (self.sun.normalize(), self.sun_radius.to_radians());
         let direction = |u: f64, v: f64| {
             let ((sin_t, cos_t), (sin_p, cos_p)) = ((v * PI).sin_cos(), ((u - 0.5) * TAU).sin_cos());
             dvec3(sin_t * cos_p, cos_t, sin_t * sin_p)
@@ -184,7 +184,7 @@ impl Sky {
                                 (f64::from(y) + j / 16.0) / f64::from(height),
                             )
                         })
-                        .filter(|d| d.angle_between(sun) < self.sun_radius)
+                        .filter(|d| d.angle_between(sun) < sun_radius)
                         .count() as f64
                         / 256.0
                 } else {

@@ -80,18 +80,15 @@ pub fn window() -> Glb {
     glb
 }
 
-pub fn window_sky() -> Result<Vec<u8>, ImageError> {
-    Sky {
-        sun: dvec3(-0.70, 0.55, 0.28),
-        sun_radius: 1.0f64.to_radians(),
-        sun_radiance: dvec3(9000.0, 7900.0, 6400.0),
-        zenith: dvec3(0.9, 1.6, 3.0),
-        horizon: dvec3(3.0, 3.4, 3.8),
-        ground: dvec3(0.8, 0.75, 0.6),
-        glow: dvec3(1.2, 1.0, 0.7),
-    }
-    .hdr(256, 128)
-}
+pub const WINDOW_SKY: Sky = Sky {
+    sun: dvec3(-0.70, 0.55, 0.28),
+    sun_radius: 1.0,
+    sun_radiance: dvec3(9000.0, 7900.0, 6400.0),
+    zenith: dvec3(0.9, 1.6, 3.0),
+    horizon: dvec3(3.0, 3.4, 3.8),
+    ground: dvec3(0.8, 0.75, 0.6),
+    glow: dvec3(1.2, 1.0, 0.7),
+};
 
 /// A large picture that shines, mostly dark with a few bright patches, over glossy and diffuse things.
 pub fn screen() -> Result<Glb, ImageError> {
@@ -242,18 +239,15 @@ pub fn brushed() -> Result<Glb, ImageError> {
     Ok(glb)
 }
 
-pub fn brushed_sky() -> Result<Vec<u8>, ImageError> {
-    Sky {
-        sun: dvec3(0.55, 0.45, 0.5),
-        sun_radius: 1.5f64.to_radians(),
-        sun_radiance: dvec3(1500.0, 1250.0, 950.0),
-        zenith: dvec3(0.22, 0.38, 0.7),
-        horizon: dvec3(0.7, 0.78, 0.85),
-        ground: dvec3(0.2, 0.18, 0.15),
-        glow: dvec3(0.8, 0.55, 0.3),
-    }
-    .hdr(256, 128)
-}
+pub const BRUSHED_SKY: Sky = Sky {
+    sun: dvec3(0.55, 0.45, 0.5),
+    sun_radius: 1.5,
+    sun_radiance: dvec3(1500.0, 1250.0, 950.0),
+    zenith: dvec3(0.22, 0.38, 0.7),
+    horizon: dvec3(0.7, 0.78, 0.85),
+    ground: dvec3(0.2, 0.18, 0.15),
+    glow: dvec3(0.8, 0.55, 0.3),
+};
 
 /// A tree of alpha-masked leaves, instanced, and a wall behind it, under a sky with sun.
 pub fn foliage() -> Result<Glb, ImageError> {
@@ -299,15 +293,12 @@ pub fn foliage() -> Result<Glb, ImageError> {
     Ok(glb)
 }
 
-pub fn foliage_sky() -> Result<Vec<u8>, ImageError> {
-    Sky {
-        sun: dvec3(-0.45, 0.72, 0.55),
-        sun_radius: 1.0f64.to_radians(),
-        sun_radiance: dvec3(4200.0, 3700.0, 3000.0),
-        zenith: dvec3(0.2, 0.36, 0.75),
-        horizon: dvec3(0.75, 0.85, 0.95),
-        ground: dvec3(0.15, 0.14, 0.1),
-        glow: dvec3(0.4, 0.34, 0.24),
-    }
-    .hdr(256, 128)
-}
+pub const FOLIAGE_SKY: Sky = Sky {
+    sun: dvec3(-0.45, 0.72, 0.55),
+    sun_radius: 1.0,
+    sun_radiance: dvec3(4200.0, 3700.0, 3000.0),
+    zenith: dvec3(0.2, 0.36, 0.75),
+    horizon: dvec3(0.75, 0.85, 0.95),
+    ground: dvec3(0.15, 0.14, 0.1),
+    glow: dvec3(0.4, 0.34, 0.24),
+};
