@@ -6,7 +6,7 @@ use std::f64::consts::TAU;
 use glam::{DQuat, dvec3};
 
 use crate::glb::{Glb, Material, Placement};
-use crate::mesh::{quad, sphere, tube};
+use crate::mesh::{floor, sphere, tube};
 use crate::pictures::Sky;
 
 pub const SKY: Sky = Sky {
@@ -39,8 +39,7 @@ pub fn scene() -> Glb {
     let ball = glb.geometry(&sphere(1.0, 40));
     glb.shared("lacquered ball", &ball, black, &Placement::scaled(dvec3(1.75, 0.42, 0.75), 0.42));
     glb.shared("chalk ball", &ball, chalk, &Placement::scaled(dvec3(-1.55, 0.3, 0.95), 0.3));
-    let g = 30.0;
-    glb.object("ground", &quad([dvec3(-g, 0.0, g), dvec3(g, 0.0, g), dvec3(g, 0.0, -g), dvec3(-g, 0.0, -g)]), ground);
+    glb.object("ground", &floor(30.0), ground);
     glb.camera("camera", dvec3(0.5, 1.75, 5.6), dvec3(0.1, 0.98, 0.0), 31.0, 1.5);
     glb
 }

@@ -8,14 +8,10 @@ use image::ImageError;
 
 use crate::glb::{Glb, Material, Placement};
 use crate::mesh::{
-    Mesh, cuboid, inside_out, lathe, panel, profile_spline, quad, rounded_box, sphere, textured_rectangle, tube,
+    Mesh, cuboid, floor, inside_out, lathe, panel, profile_spline, quad, rounded_box, sphere, textured_rectangle, tube,
 };
 use crate::pictures::{self, Sky};
 use crate::random::{Random, fractal};
-
-fn floor(half: f64) -> Mesh {
-    quad([dvec3(-half, 0.0, half), dvec3(half, 0.0, half), dvec3(half, 0.0, -half), dvec3(-half, 0.0, -half)])
-}
 
 /// The inside of a box on the floor: floor, ceiling, left, right and back wall, open towards +z.
 fn room(width: f64, height: f64, depth: f64) -> [Mesh; 5] {
@@ -252,14 +248,14 @@ pub const BRUSHED_SKY: Sky = Sky {
 /// A tree of alpha-masked leaves, instanced, and a wall behind it, under a sky with sun.
 pub fn foliage() -> Result<Glb, ImageError> {
     let mut glb = Glb::default();
-    let picture = pictures::masked(64, 64, |u, v| {
+    let picture = pictures::png(&pictures::masked(64, 64, |u, v| {
         let (x, y) = (2.0 * u - 1.0, 1.0 - v);
         let wave = 1.0 + 0.12 * (18.0 * y).sin();
         let inside = x.abs() < 0.62 * wave * (PI * y.powf(0.8)).sin().max(0.0);
         let vein = if x.abs() < 0.04 { 0.6 } else { 1.0 };
         let tone = vein * (0.8 + 0.4 * fractal(u, v, (6, 6), 2, 3));
         ([0.30 * tone, 0.52 * tone, 0.14 * tone], inside)
-    })?;
+    }))?;
     let leaf = glb.texture("leaf", &picture, "image/png");
     let leaf = Material {
         color_texture: Some(leaf),
