@@ -2,7 +2,7 @@
 
 use glam::{DAffine3, DMat3};
 
-use super::transforms::{axis, to_f32};
+use super::transforms::axis;
 use crate::scene;
 use crate::scene::import::document::cameras::Camera;
 
@@ -11,7 +11,7 @@ pub fn place(from: &Camera, name: String, world: &DAffine3) -> Option<scene::Cam
     let z = axis(world, 2)?;
     let y = axis(world, 1)?;
     let y = (y - z * y.dot(z)).try_normalize()?;
-    let to_world = to_f32(&DAffine3 { matrix3: DMat3::from_cols(y.cross(z), y, z), translation: world.translation });
+    let to_world = DAffine3 { matrix3: DMat3::from_cols(y.cross(z), y, z), translation: world.translation }.as_affine3a();
     let placed = scene::Camera::new(name, from.projection, to_world);
     to_world.is_finite().then_some(scene::Camera { aspect: from.aspect, clip: Some(from.clip), ..placed })
 }

@@ -53,7 +53,7 @@ use primitive::Draft;
 use reader::Reader;
 use textures::TextureTable;
 pub use time_samples::{TimeSample, time_sample, time_samples};
-use transforms::{is_flat, is_visible, lost_direction, thickened, to_f32};
+use transforms::{is_flat, is_visible, lost_direction, thickened};
 use unshown::{note_document, note_extensions, note_faults, note_unplaced};
 
 /// The document to build, with the state of its animations.
@@ -311,9 +311,9 @@ impl Assembly<'_> {
                 check_extent(&corners, world, &placement.at, &mesh.at)?;
             }
             self.scene.instances.push(Instance {
-                transform: Some(to_f32(&thickened(&placement.world, &corners))),
+                transform: Some(thickened(&placement.world, &corners).as_affine3a()),
                 motion: shutter.and_then(|transforms| Motion::new(&thick(transforms))).map(Arc::new),
-                adjacent_frames: adjacent_frames.map(|both| both.map(|w| to_f32(&thickened(&w, &corners)))),
+                adjacent_frames: adjacent_frames.map(|both| both.map(|w| thickened(&w, &corners).as_affine3a())),
                 ..placement.instance(object)
             });
         }
@@ -337,7 +337,8 @@ impl Assembly<'_> {
     /// Transforms of a placement at the time samples.
     fn placement_times(&self, placement: &Placement, notes: &mut Notes) -> PlacementTimes {
         let transforms = placement.transforms_at(self.time_samples);
-        let still = |transforms: &[DAffine3]| transforms.iter().all(|world| to_f32(world) == to_f32(&placement.world));
+        let own = placement.world.as_affine3a();
+        let still = |transforms: &[DAffine3]| transforms.iter().all(|world| world.as_affine3a() == own);
         let (shutter, adjacent_frames) = transforms.split_at(self.shutter_samples.min(transforms.len()));
         let solid = shutter.iter().all(is_visible);
         if !solid && !still(shutter) {

@@ -1,25 +1,9 @@
 //! Animations: channels that drive properties, each identified by a JSON pointer, and the accessors of their keys.
 
+pub use gltf::json::animation::Interpolation;
+
 use super::json::Json;
 use crate::error::Result;
-
-/// Interpolation between keys.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Interpolation {
-    /// The value of the previous key.
-    Step,
-    /// Linear interpolation; slerp for rotations.
-    Linear,
-    /// Cubic Hermite splines, with tangents stored at the keys.
-    CubicSpline,
-}
-
-impl Interpolation {
-    /// Values that are stored for a key.
-    pub fn values_per_key(self) -> usize {
-        if self == Self::CubicSpline { 3 } else { 1 }
-    }
-}
 
 /// An animated property.
 #[derive(Debug)]
