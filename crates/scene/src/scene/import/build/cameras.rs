@@ -11,7 +11,8 @@ pub fn place(from: &Camera, name: String, world: &DAffine3) -> Option<scene::Cam
     let z = axis(world, 2)?;
     let y = axis(world, 1)?;
     let y = (y - z * y.dot(z)).try_normalize()?;
-    let to_world = DAffine3 { matrix3: DMat3::from_cols(y.cross(z), y, z), translation: world.translation }.as_affine3a();
+    let to_world = DAffine3 { matrix3: DMat3::from_cols(y.cross(z), y, z), translation: world.translation };
+    let to_world = to_world.as_affine3a();
     let placed = scene::Camera::new(name, from.projection, to_world);
     to_world.is_finite().then_some(scene::Camera { aspect: from.aspect, clip: Some(from.clip), ..placed })
 }

@@ -15,7 +15,8 @@ use crate::scene::import::document::animations::{Channel, Interpolation};
 use crate::scene::import::options::Pose;
 use crate::scene::import::report::Notes;
 
-/// Last path segments of properties that may be animated: of nodes, lights, cameras and materials. Other targets, such as indices, are not played.
+/// Last path segments of properties that may be animated, of nodes, lights, cameras and materials. Other targets, such as
+/// indices, are not played.
 const ANIMATABLE: [&[&str]; 6] = [
     &["translation", "rotation", "scale", "weights", "visible"],
     &["color", "intensity", "range", "innerConeAngle", "outerConeAngle"],
