@@ -5,16 +5,13 @@ use crate::scene::{self, Deformation, Mesh, Scene, Texels};
 
 /// Size of a mesh's arrays in bytes.
 pub fn mesh_bytes(mesh: &Mesh) -> u64 {
-    fn array_bytes<T>(values: Option<&Vec<T>>) -> usize {
-        values.map_or(0, |v| size_of_val(v.as_slice()))
-    }
+    let texcoords = mesh.texcoords.iter().flatten().chain(mesh.more_texcoords.iter().map(|(_, set)| set));
     let bytes = size_of_val(&mesh.positions[..])
-        + array_bytes(Some(&mesh.indices))
-        + array_bytes(mesh.normals.as_ref())
-        + array_bytes(mesh.tangents.as_ref())
-        + mesh.texcoords.iter().map(|t| array_bytes(t.as_ref())).sum::<usize>()
-        + mesh.more_texcoords.iter().map(|(_, t)| array_bytes(Some(t))).sum::<usize>()
-        + array_bytes(mesh.colors.as_ref())
+        + size_of_val(&mesh.indices[..])
+        + mesh.normals.as_deref().map_or(0, size_of_val)
+        + mesh.tangents.as_deref().map_or(0, size_of_val)
+        + texcoords.map(|set| size_of_val(&set[..])).sum::<usize>()
+        + mesh.colors.as_deref().map_or(0, size_of_val)
         + mesh.motion.as_ref().map_or(0, Deformation::bytes);
     bytes as u64
 }

@@ -247,7 +247,7 @@ pub struct TextureTable {
     /// Index of the document's image for each of the scene's images.
     images: Vec<usize>,
     by_image: HashMap<usize, u32>,
-    by_use: HashMap<(usize, Wrap, Wrap, Filter), u32>,
+    by_use: HashMap<(usize, Sampler), u32>,
 }
 
 impl TextureTable {
@@ -324,8 +324,7 @@ impl TextureTable {
             Some(index) => *document.samplers.get(index)?,
             None => default,
         };
-        let key = (source, sampler.wrap_s, sampler.wrap_t, sampler.filter);
-        let index = *self.by_use.entry(key).or_insert_with(|| {
+        let index = *self.by_use.entry((source, sampler)).or_insert_with(|| {
             let image = *self.by_image.entry(source).or_insert_with(|| {
                 self.images.push(source);
                 (self.images.len() - 1) as u32

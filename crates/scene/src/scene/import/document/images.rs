@@ -64,7 +64,7 @@ impl Image {
 }
 
 /// A document's sampler.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Sampler {
     pub wrap_s: Wrap,
     pub wrap_t: Wrap,
