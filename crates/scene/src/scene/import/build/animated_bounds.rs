@@ -163,7 +163,7 @@ impl Played {
     /// The meshes of the shown scene that move, hidden ones too.
     fn shown(&self, reader: &mut Reader) -> Vec<Shown<'_>> {
         let document = reader.document;
-        let identity = vec![DMat4::IDENTITY; document.nodes.len()];
+        let identity = vec![DAffine3::IDENTITY; document.nodes.len()];
         let (mut shown, mut stack) = (Vec::new(), document.roots.clone());
         while let Some(node) = stack.pop() {
             let Ok(content) = document.nodes[node].content() else { continue };

@@ -51,6 +51,7 @@ use placements::{check_extent, corners, keep_visible, points, visit_points};
 pub use pose::posed;
 use primitive::Draft;
 use reader::Reader;
+use skins::joint_matrices;
 use textures::TextureTable;
 pub use time_samples::{TimeSample, time_sample, time_samples};
 use transforms::{is_flat, is_visible, lost_direction, thickened};
@@ -225,10 +226,7 @@ impl Assembly<'_> {
     ) -> Result<()> {
         let document = self.document;
         let mesh = document.meshes.get(key.mesh)?;
-        let joints = match key.skin {
-            Some(skin) => Some(skins::joint_matrices(document.skins.get(skin)?, &mut self.reader, &flattened.worlds)?),
-            None => None,
-        };
+        let joints = self.joints(key, &flattened.worlds)?;
         let start = self.scene.meshes.len() as u32;
         if placements.is_empty() {
             return Ok(());
@@ -322,16 +320,18 @@ impl Assembly<'_> {
 
     /// Morph weights and joint matrices at each time sample.
     fn forms(&mut self, key: &ObjectKey) -> Result<Vec<Form>> {
-        let mut forms = Vec::new();
-        for (i, time_sample) in self.time_samples.iter().enumerate() {
+        let (time_samples, mut forms) = (self.time_samples, Vec::new());
+        for (i, time_sample) in time_samples.iter().enumerate() {
             let weights = key.weights_over_time.get(i).unwrap_or(&key.weights).iter().map(|bits| f32::from_bits(*bits));
-            let joints = match key.skin.map(|skin| self.document.skins.get(skin)).transpose()? {
-                Some(skin) => Some(skins::joint_matrices(skin, &mut self.reader, &time_sample.matrices())?),
-                None => None,
-            };
-            forms.push((weights.collect(), joints));
+            forms.push((weights.collect(), self.joints(key, &time_sample.worlds)?));
         }
         Ok(forms)
+    }
+
+    /// Joint matrices of an object's skin, given every node's world transform; `None` without a skin.
+    fn joints(&mut self, key: &ObjectKey, worlds: &[DAffine3]) -> Result<Option<Vec<DMat4>>> {
+        let Some(skin) = key.skin else { return Ok(None) };
+        joint_matrices(self.document.skins.get(skin)?, &mut self.reader, worlds).map(Some)
     }
 
     /// Transforms of a placement at the time samples.

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use glam::{Affine3A, DAffine3, DMat4, DQuat, DVec3};
+use glam::{Affine3A, DAffine3, DQuat, DVec3};
 
 use super::reader::Reader;
 use super::time_samples::TimeSample;
@@ -63,7 +63,7 @@ pub struct FlattenedScene {
     pub lights: Vec<PunctualLight>,
     pub light_nodes: Vec<LightNode>,
     /// Every node's transform to world space, also those of other scenes (joints may be anywhere).
-    pub worlds: Vec<DMat4>,
+    pub worlds: Vec<DAffine3>,
 }
 
 /// Flattens the shown scene; the first `shutter_samples` of the time samples are while the shutter is open.
@@ -77,7 +77,7 @@ pub fn flatten(
     notes: &mut Notes,
 ) -> Result<FlattenedScene> {
     let (nodes, worlds) = (&document.nodes, world_transforms(&document.nodes));
-    let mut out = FlattenedScene { worlds: worlds.iter().map(|&w| w.into()).collect(), ..Default::default() };
+    let mut out = FlattenedScene::default();
     let mut by_key: HashMap<ObjectKey, usize> = HashMap::new();
     let mut shown = vec![false; nodes.len()];
     // In the document's order, depth first.
@@ -164,6 +164,7 @@ pub fn flatten(
             notes.not_loaded(&node.at, "a node that is not in the shown scene");
         }
     }
+    out.worlds = worlds;
     Ok(out)
 }
 
