@@ -114,10 +114,8 @@ impl Texture {
         json.name()?;
         let sampler = json.index("sampler", "samplers")?;
         let core = json.index("source", "images")?;
-        let extension_source = |name: &str| match json.extension(name)? {
-            Some(extension) => extension.index("source", "images"),
-            None => Ok(None),
-        };
+        let extension_source =
+            |name: &str| json.extension(name)?.map_or(Ok(None), |extension| extension.index("source", "images"));
         let sources = [extension_source(WEBP)?, core, extension_source(BASIS)?].into_iter().flatten().collect();
         let mut alternatives = Vec::new();
         for name in json.extension_names()?.into_iter().filter(|name| ![WEBP, BASIS].contains(&&name[..])) {

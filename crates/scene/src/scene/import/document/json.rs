@@ -156,18 +156,13 @@ impl<'a> Json<'a> {
 
     /// An extension's object.
     pub fn extension(&self, name: &str) -> Result<Option<Json<'a>>> {
-        match self.get("extensions")? {
-            Some(extensions) => extensions.get(name),
-            None => Ok(None),
-        }
+        self.get("extensions")?.map_or(Ok(None), |extensions| extensions.get(name))
     }
 
     /// Names of this object's extensions.
     pub fn extension_names(&self) -> Result<Vec<String>> {
-        match self.get("extensions")? {
-            Some(extensions) => Ok(extensions.object()?.keys().cloned().collect()),
-            None => Ok(Vec::new()),
-        }
+        let extensions = self.get("extensions")?;
+        Ok(extensions.iter().flat_map(|json| json.value.as_object()).flatten().map(|(name, _)| name.clone()).collect())
     }
 
     /// Visits every extension in this value, except in `extras`, with the path of its `extensions` object. Recursion depth is

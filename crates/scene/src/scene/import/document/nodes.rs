@@ -87,18 +87,11 @@ impl Content {
             return Err(json.bad("skin", format!("JOINTS_0 and WEIGHTS_0 in {}", primitive.at), "none"));
         }
         let weights = read_weights(json, shape.map_or(0, |shape| shape.weights.len()))?;
-        let light = match json.extension("KHR_lights_punctual")? {
-            Some(json) => Some(json.need("light", json.index("light", "extensions.KHR_lights_punctual.lights")?)?),
-            None => None,
-        };
-        let instancing = match json.extension("EXT_mesh_gpu_instancing")? {
-            Some(json) => Some(Instancing::parse(&json, accessors)?),
-            None => None,
-        };
-        let visible = match json.extension("KHR_node_visibility")? {
-            Some(json) => json.boolean("visible", true)?,
-            None => true,
-        };
+        let index = |json: Json| json.need("light", json.index("light", "extensions.KHR_lights_punctual.lights")?);
+        let light = json.extension("KHR_lights_punctual")?.map(index).transpose()?;
+        let instancing = json.extension("EXT_mesh_gpu_instancing")?;
+        let instancing = instancing.map(|json| Instancing::parse(&json, accessors)).transpose()?;
+        let visible = json.extension("KHR_node_visibility")?.map_or(Ok(true), |json| json.boolean("visible", true))?;
         let camera = json.index("camera", "cameras")?;
         let extensions = json.extension_names()?;
         Ok(Self { mesh, skin, camera, light, weights, instancing, visible, extensions })
