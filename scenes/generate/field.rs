@@ -3,7 +3,6 @@
 use std::f64::consts::TAU;
 
 use glam::{DQuat, DVec3, dvec3};
-use image::ImageError;
 
 use crate::glb::{Glb, Material, Placement};
 use crate::mesh::{Mesh, icosphere, stone, tube};
@@ -14,18 +13,15 @@ const WIDTH: f64 = 44.0;
 const NEAR: f64 = 6.0;
 const FAR: f64 = -48.0;
 
-pub fn sky() -> Result<Vec<u8>, ImageError> {
-    Sky {
-        sun: dvec3(-0.75, 0.30, -0.62),
-        sun_radius: 1.1f64.to_radians(),
-        sun_radiance: dvec3(3300.0, 2300.0, 1350.0),
-        zenith: dvec3(0.13, 0.25, 0.52),
-        horizon: dvec3(0.78, 0.70, 0.62),
-        ground: dvec3(0.10, 0.10, 0.07),
-        glow: dvec3(0.85, 0.52, 0.24),
-    }
-    .hdr(512, 256)
-}
+pub const SKY: Sky = Sky {
+    sun: dvec3(-0.75, 0.30, -0.62),
+    sun_radius: 1.1,
+    sun_radiance: dvec3(3300.0, 2300.0, 1350.0),
+    zenith: dvec3(0.13, 0.25, 0.52),
+    horizon: dvec3(0.78, 0.70, 0.62),
+    ground: dvec3(0.10, 0.10, 0.07),
+    glow: dvec3(0.85, 0.52, 0.24),
+};
 
 fn height(x: f64, z: f64) -> f64 {
     let hills = 0.9 * (0.16 * x + 0.5).sin() * (0.13 * z).cos() + 0.035 * (-z - 6.0).max(0.0);

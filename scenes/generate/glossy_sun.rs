@@ -4,24 +4,20 @@
 use std::f64::consts::TAU;
 
 use glam::{DQuat, dvec3};
-use image::ImageError;
 
 use crate::glb::{Glb, Material, Placement};
-use crate::mesh::{quad, sphere, tube};
+use crate::mesh::{floor, sphere, tube};
 use crate::pictures::Sky;
 
-pub fn sky() -> Result<Vec<u8>, ImageError> {
-    Sky {
-        sun: dvec3(-0.62, 0.52, 0.35),
-        sun_radius: 0.9f64.to_radians(),
-        sun_radiance: dvec3(4600.0, 4000.0, 3200.0),
-        zenith: dvec3(0.14, 0.29, 0.62),
-        horizon: dvec3(0.62, 0.74, 0.88),
-        ground: dvec3(0.17, 0.15, 0.13),
-        glow: dvec3(0.42, 0.34, 0.22),
-    }
-    .hdr(512, 256)
-}
+pub const SKY: Sky = Sky {
+    sun: dvec3(-0.62, 0.52, 0.35),
+    sun_radius: 0.9,
+    sun_radiance: dvec3(4600.0, 4000.0, 3200.0),
+    zenith: dvec3(0.14, 0.29, 0.62),
+    horizon: dvec3(0.62, 0.74, 0.88),
+    ground: dvec3(0.17, 0.15, 0.13),
+    glow: dvec3(0.42, 0.34, 0.22),
+};
 
 pub fn scene() -> Glb {
     let mut glb = Glb::default();
@@ -43,8 +39,7 @@ pub fn scene() -> Glb {
     let ball = glb.geometry(&sphere(1.0, 40));
     glb.shared("lacquered ball", &ball, black, &Placement::scaled(dvec3(1.75, 0.42, 0.75), 0.42));
     glb.shared("chalk ball", &ball, chalk, &Placement::scaled(dvec3(-1.55, 0.3, 0.95), 0.3));
-    let g = 30.0;
-    glb.object("ground", &quad([dvec3(-g, 0.0, g), dvec3(g, 0.0, g), dvec3(g, 0.0, -g), dvec3(-g, 0.0, -g)]), ground);
+    glb.object("ground", &floor(30.0), ground);
     glb.camera("camera", dvec3(0.5, 1.75, 5.6), dvec3(0.1, 0.98, 0.0), 31.0, 1.5);
     glb
 }

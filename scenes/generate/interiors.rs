@@ -1,7 +1,6 @@
 //! Rooms whose light comes by few ways: what guiding is for. The walls are thick and closed all around.
 
 use glam::{DVec3, dvec3};
-use image::ImageError;
 
 use crate::glb::{Glb, Material};
 use crate::mesh::{Mesh, cuboid, inside_out, lathe, profile_spline, rounded_box, sphere};
@@ -51,18 +50,15 @@ pub fn slit() -> Glb {
     glb
 }
 
-pub fn slit_sky() -> Result<Vec<u8>, ImageError> {
-    Sky {
-        sun: dvec3(-0.4, 0.6, 0.3),
-        sun_radius: 2.0f64.to_radians(),
-        sun_radiance: dvec3(2700.0, 2340.0, 1800.0),
-        zenith: dvec3(150.0, 240.0, 420.0),
-        horizon: dvec3(660.0, 690.0, 720.0),
-        ground: dvec3(180.0, 162.0, 126.0),
-        glow: dvec3(240.0, 210.0, 150.0),
-    }
-    .hdr(128, 64)
-}
+pub const SLIT_SKY: Sky = Sky {
+    sun: dvec3(-0.4, 0.6, 0.3),
+    sun_radius: 2.0,
+    sun_radiance: dvec3(2700.0, 2340.0, 1800.0),
+    zenith: dvec3(150.0, 240.0, 420.0),
+    horizon: dvec3(660.0, 690.0, 720.0),
+    ground: dvec3(180.0, 162.0, 126.0),
+    glow: dvec3(240.0, 210.0, 150.0),
+};
 
 /// An area light in the next room, whose door stands ajar.
 pub fn ajar() -> Glb {

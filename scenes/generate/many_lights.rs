@@ -6,7 +6,7 @@ use std::f64::consts::TAU;
 use glam::{DQuat, DVec3, dvec3};
 
 use crate::glb::{Glb, Material, Placement};
-use crate::mesh::{cuboid, icosphere, lathe, profile_spline, quad, rounded_box, sphere, torus, tube};
+use crate::mesh::{cuboid, floor, icosphere, lathe, profile_spline, rounded_box, sphere, torus, tube};
 
 const BULB_RADIUS: f64 = 0.032;
 
@@ -69,8 +69,7 @@ pub fn scene() -> Glb {
     let brass = glb.material(&Material::metal("brass", [0.86, 0.67, 0.36], 0.24));
     let steel = glb.material(&Material::metal("steel", [0.62, 0.61, 0.59], 0.10));
     let glaze = glb.material(&Material::dielectric("blue glaze", [0.03, 0.10, 0.20], 0.08));
-    let g = 9.0;
-    glb.object("ground", &quad([dvec3(-g, 0.0, g), dvec3(g, 0.0, g), dvec3(g, 0.0, -g), dvec3(-g, 0.0, -g)]), stone);
+    glb.object("ground", &floor(9.0), stone);
     glb.object("plinth", &rounded_box(dvec3(1.3, 0.5, 1.3), 0.04, 3).translated(dvec3(0.0, 0.25, 0.0)), marble);
     let urn = profile_spline(
         &[(0.0, 0.5), (0.24, 0.5), (0.25, 0.54), (0.10, 0.62), (0.12, 0.70), (0.36, 1.0), (0.40, 1.22), (0.24, 1.42)],

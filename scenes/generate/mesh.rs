@@ -38,6 +38,11 @@ pub fn textured_rectangle(corner: DVec3, x: DVec3, y: DVec3, repeat: DVec2) -> M
     }
 }
 
+/// A square on the ground around the origin, seen from above.
+pub fn floor(half: f64) -> Mesh {
+    quad([dvec3(-half, 0.0, half), dvec3(half, 0.0, half), dvec3(half, 0.0, -half), dvec3(-half, 0.0, -half)])
+}
+
 /// A rectangle of `width` × `height` around `centre` that faces `target`, upright, flat.
 pub fn panel(centre: DVec3, target: DVec3, width: f64, height: f64) -> Mesh {
     let normal = (target - centre).normalize();

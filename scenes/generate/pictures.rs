@@ -1,37 +1,31 @@
 //! Procedural pictures: textures that repeat, and skies.
 
 use std::f64::consts::{PI, TAU};
-use std::io::Cursor;
 
 use glam::{DVec3, dvec3};
 use image::codecs::hdr::HdrEncoder;
 use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{ImageError, Rgb, RgbImage, Rgba, RgbaImage};
+use image::{ImageBuffer, ImageError, Pixel, PixelWithColorType, Rgb, RgbImage, Rgba, RgbaImage};
 
 use crate::random::{fractal, hash};
 
-fn encoder(bytes: &mut Vec<u8>) -> PngEncoder<Cursor<&mut Vec<u8>>> {
-    PngEncoder::new_with_quality(Cursor::new(bytes), CompressionType::Best, FilterType::Adaptive)
-}
-
-pub fn png(picture: &RgbImage) -> Result<Vec<u8>, ImageError> {
+pub fn png<P>(picture: &ImageBuffer<P, Vec<u8>>) -> Result<Vec<u8>, ImageError>
+where
+    P: Pixel<Subpixel = u8> + PixelWithColorType,
+{
     let mut bytes = Vec::new();
-    picture.write_with_encoder(encoder(&mut bytes))?;
+    picture.write_with_encoder(PngEncoder::new_with_quality(&mut bytes, CompressionType::Best, FilterType::Adaptive))?;
     Ok(bytes)
 }
 
-/// A picture with an alpha of 0 or 1, as PNG, from a function of (u, v) at the texel centres, v downwards; linear
-/// colour.
-pub fn masked(width: u32, height: u32, at: impl Fn(f64, f64) -> ([f64; 3], bool)) -> Result<Vec<u8>, ImageError> {
-    let picture = RgbaImage::from_fn(width, height, |x, y| {
+/// A picture with an alpha of 0 or 1, from a function of (u, v) at the texel centres, v downwards; linear colour.
+pub fn masked(width: u32, height: u32, at: impl Fn(f64, f64) -> ([f64; 3], bool)) -> RgbaImage {
+    RgbaImage::from_fn(width, height, |x, y| {
         let (color, inside) = at((f64::from(x) + 0.5) / f64::from(width), (f64::from(y) + 0.5) / f64::from(height));
         let [r, g, b] = encode(DVec3::from_array(color)).map(byte);
         Rgba([r, g, b, if inside { 255 } else { 0 }])
-    });
-    let mut bytes = Vec::new();
-    picture.write_with_encoder(encoder(&mut bytes))?;
-    Ok(bytes)
+    })
 }
 
 pub fn jpeg(picture: &RgbImage, quality: u8) -> Result<Vec<u8>, ImageError> {
@@ -148,7 +142,7 @@ pub mod plaster {
 /// 2π, v = acos(y) / π from the top.
 pub struct Sky {
     pub sun: DVec3,
-    /// Radians.
+    /// Degrees.
     pub sun_radius: f64,
     pub sun_radiance: DVec3,
     pub zenith: DVec3,
@@ -160,7 +154,7 @@ pub struct Sky {
 
 impl Sky {
     pub fn hdr(&self, width: u32, height: u32) -> Result<Vec<u8>, ImageError> {
-        let sun = self.sun.normalize();
+        let (sun, sun_radius) = (self.sun.normalize(), self.sun_radius.to_radians());
         let direction = |u: f64, v: f64| {
             let ((sin_t, cos_t), (sin_p, cos_p)) = ((v * PI).sin_cos(), ((u - 0.5) * TAU).sin_cos());
             dvec3(sin_t * cos_p, cos_t, sin_t * sin_p)
@@ -184,7 +178,7 @@ impl Sky {
                                 (f64::from(y) + j / 16.0) / f64::from(height),
                             )
                         })
-                        .filter(|d| d.angle_between(sun) < self.sun_radius)
+                        .filter(|d| d.angle_between(sun) < sun_radius)
                         .count() as f64
                         / 256.0
                 } else {

@@ -8,14 +8,10 @@ use image::ImageError;
 
 use crate::glb::{Glb, Material, Placement};
 use crate::mesh::{
-    Mesh, cuboid, inside_out, lathe, panel, profile_spline, quad, rounded_box, sphere, textured_rectangle, tube,
+    Mesh, cuboid, floor, inside_out, lathe, panel, profile_spline, quad, rounded_box, sphere, textured_rectangle, tube,
 };
 use crate::pictures::{self, Sky};
 use crate::random::{Random, fractal};
-
-fn floor(half: f64) -> Mesh {
-    quad([dvec3(-half, 0.0, half), dvec3(half, 0.0, half), dvec3(half, 0.0, -half), dvec3(-half, 0.0, -half)])
-}
 
 /// The inside of a box on the floor: floor, ceiling, left, right and back wall, open towards +z.
 fn room(width: f64, height: f64, depth: f64) -> [Mesh; 5] {
@@ -80,18 +76,15 @@ pub fn window() -> Glb {
     glb
 }
 
-pub fn window_sky() -> Result<Vec<u8>, ImageError> {
-    Sky {
-        sun: dvec3(-0.70, 0.55, 0.28),
-        sun_radius: 1.0f64.to_radians(),
-        sun_radiance: dvec3(9000.0, 7900.0, 6400.0),
-        zenith: dvec3(0.9, 1.6, 3.0),
-        horizon: dvec3(3.0, 3.4, 3.8),
-        ground: dvec3(0.8, 0.75, 0.6),
-        glow: dvec3(1.2, 1.0, 0.7),
-    }
-    .hdr(256, 128)
-}
+pub const WINDOW_SKY: Sky = Sky {
+    sun: dvec3(-0.70, 0.55, 0.28),
+    sun_radius: 1.0,
+    sun_radiance: dvec3(9000.0, 7900.0, 6400.0),
+    zenith: dvec3(0.9, 1.6, 3.0),
+    horizon: dvec3(3.0, 3.4, 3.8),
+    ground: dvec3(0.8, 0.75, 0.6),
+    glow: dvec3(1.2, 1.0, 0.7),
+};
 
 /// A large picture that shines, mostly dark with a few bright patches, over glossy and diffuse things.
 pub fn screen() -> Result<Glb, ImageError> {
@@ -242,30 +235,27 @@ pub fn brushed() -> Result<Glb, ImageError> {
     Ok(glb)
 }
 
-pub fn brushed_sky() -> Result<Vec<u8>, ImageError> {
-    Sky {
-        sun: dvec3(0.55, 0.45, 0.5),
-        sun_radius: 1.5f64.to_radians(),
-        sun_radiance: dvec3(1500.0, 1250.0, 950.0),
-        zenith: dvec3(0.22, 0.38, 0.7),
-        horizon: dvec3(0.7, 0.78, 0.85),
-        ground: dvec3(0.2, 0.18, 0.15),
-        glow: dvec3(0.8, 0.55, 0.3),
-    }
-    .hdr(256, 128)
-}
+pub const BRUSHED_SKY: Sky = Sky {
+    sun: dvec3(0.55, 0.45, 0.5),
+    sun_radius: 1.5,
+    sun_radiance: dvec3(1500.0, 1250.0, 950.0),
+    zenith: dvec3(0.22, 0.38, 0.7),
+    horizon: dvec3(0.7, 0.78, 0.85),
+    ground: dvec3(0.2, 0.18, 0.15),
+    glow: dvec3(0.8, 0.55, 0.3),
+};
 
 /// A tree of alpha-masked leaves, instanced, and a wall behind it, under a sky with sun.
 pub fn foliage() -> Result<Glb, ImageError> {
     let mut glb = Glb::default();
-    let picture = pictures::masked(64, 64, |u, v| {
+    let picture = pictures::png(&pictures::masked(64, 64, |u, v| {
         let (x, y) = (2.0 * u - 1.0, 1.0 - v);
         let wave = 1.0 + 0.12 * (18.0 * y).sin();
         let inside = x.abs() < 0.62 * wave * (PI * y.powf(0.8)).sin().max(0.0);
         let vein = if x.abs() < 0.04 { 0.6 } else { 1.0 };
         let tone = vein * (0.8 + 0.4 * fractal(u, v, (6, 6), 2, 3));
         ([0.30 * tone, 0.52 * tone, 0.14 * tone], inside)
-    })?;
+    }))?;
     let leaf = glb.texture("leaf", &picture, "image/png");
     let leaf = Material {
         color_texture: Some(leaf),
@@ -299,15 +289,12 @@ pub fn foliage() -> Result<Glb, ImageError> {
     Ok(glb)
 }
 
-pub fn foliage_sky() -> Result<Vec<u8>, ImageError> {
-    Sky {
-        sun: dvec3(-0.45, 0.72, 0.55),
-        sun_radius: 1.0f64.to_radians(),
-        sun_radiance: dvec3(4200.0, 3700.0, 3000.0),
-        zenith: dvec3(0.2, 0.36, 0.75),
-        horizon: dvec3(0.75, 0.85, 0.95),
-        ground: dvec3(0.15, 0.14, 0.1),
-        glow: dvec3(0.4, 0.34, 0.24),
-    }
-    .hdr(256, 128)
-}
+pub const FOLIAGE_SKY: Sky = Sky {
+    sun: dvec3(-0.45, 0.72, 0.55),
+    sun_radius: 1.0,
+    sun_radiance: dvec3(4200.0, 3700.0, 3000.0),
+    zenith: dvec3(0.2, 0.36, 0.75),
+    horizon: dvec3(0.75, 0.85, 0.95),
+    ground: dvec3(0.15, 0.14, 0.1),
+    glow: dvec3(0.4, 0.34, 0.24),
+};

@@ -56,17 +56,13 @@ impl Camera {
     /// Name of [`Self::panorama`].
     pub const PANORAMA: &str = "panorama";
 
-    /// A camera named `camera` at `eye` that looks at `target` (world space, metres), with a vertical field of view in
-    /// radians. The world's +y is up in the picture; +z if the camera looks within about 8° of straight up or down.
-    pub fn look_at(eye: Vec3, target: Vec3, yfov: f32) -> Self {
-        let up = if (target - eye).normalize().y.abs() > 0.99 { Vec3::Z } else { Vec3::Y };
-        let z = (eye - target).normalize();
-        let x = up.cross(z).normalize();
+    /// A camera that does not move, by its name, projection, and transform from camera to world (rotation and translation).
+    pub fn new(name: impl Into<String>, projection: Projection, to_world: Affine3A) -> Self {
         Self {
-            name: "camera".into(),
-            projection: Projection::Perspective { yfov },
+            name: name.into(),
+            projection,
             aspect: None,
-            to_world: Affine3A::from_mat3_translation(Mat3::from_cols(x, z.cross(x), z), eye),
+            to_world,
             motion: None,
             adjacent_frames: None,
             framing: None,
@@ -74,19 +70,21 @@ impl Camera {
         }
     }
 
+    /// A camera named `camera` at `eye` that looks at `target` (world space, metres), with a vertical field of view in
+    /// radians. The world's +y is up in the picture; +z if the camera looks within about 8° of straight up or down.
+    pub fn look_at(eye: Vec3, target: Vec3, yfov: f32) -> Self {
+        let up = if (target - eye).normalize().y.abs() > 0.99 { Vec3::Z } else { Vec3::Y };
+        let z = (eye - target).normalize();
+        let x = up.cross(z).normalize();
+        let to_world = Affine3A::from_mat3_translation(Mat3::from_cols(x, z.cross(x), z), eye);
+        Self::new("camera", Projection::Perspective { yfov }, to_world)
+    }
+
     /// A panorama from `eye` (world space, metres), named [`Self::PANORAMA`]. Its picture has the orientation of an
     /// environment map: +x in the middle, −z at a quarter of the width, +y at the top ([`super::Environment`]).
     pub fn panorama(eye: Vec3) -> Self {
-        Self {
-            name: Self::PANORAMA.into(),
-            projection: Projection::Panorama,
-            aspect: Some(2.0),
-            to_world: Affine3A::from_mat3_translation(Mat3::from_cols(Vec3::Z, Vec3::Y, Vec3::NEG_X), eye),
-            motion: None,
-            adjacent_frames: None,
-            framing: None,
-            clip: None,
-        }
+        let to_world = Affine3A::from_mat3_translation(Mat3::from_cols(Vec3::Z, Vec3::Y, Vec3::NEG_X), eye);
+        Self { aspect: Some(2.0), ..Self::new(Self::PANORAMA, Projection::Panorama, to_world) }
     }
 
     /// Width over height that suits the projection, if the file states it or the projection has one; finite and above 0.
@@ -103,15 +101,8 @@ impl Camera {
     /// The view that shows all points of `framing`, named [`Framing::NAME`]; fitted to a square picture until
     /// [`super::Scene::camera`] is asked for another aspect.
     pub fn framed(framing: Framing) -> Self {
-        Self {
-            name: Framing::NAME.into(),
-            projection: Projection::Perspective { yfov: Framing::YFOV as f32 },
-            aspect: None,
-            to_world: framing.to_world(1.0),
-            motion: None,
-            adjacent_frames: None,
-            framing: Some(Arc::new(framing)),
-            clip: None,
-        }
+        let projection = Projection::Perspective { yfov: Framing::YFOV as f32 };
+        let camera = Self::new(Framing::NAME, projection, framing.to_world(1.0));
+        Self { framing: Some(Arc::new(framing)), ..camera }
     }
 }

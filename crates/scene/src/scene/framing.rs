@@ -2,7 +2,7 @@
 
 use std::f64::consts::FRAC_PI_2;
 
-use glam::{Affine3A, DVec3, Mat3A, Vec3A};
+use glam::{Affine3A, DAffine3, DMat3, DVec3};
 
 /// Direction from the scene to the eye: from the front, the right and slightly above.
 const EYE_DIRECTION: DVec3 = DVec3::new(0.55, 0.35, 1.0);
@@ -116,8 +116,7 @@ impl Framing {
             0.5 * (low + high)
         };
         let eye = x * centred(&|p| p.x) + y * centred(&|p| p.y) + z * distance;
-        let column = |v: DVec3| Vec3A::from(v.as_vec3());
-        Affine3A { matrix3: Mat3A::from_cols(column(x), column(y), column(z)), translation: column(eye) }
+        DAffine3 { matrix3: DMat3::from_cols(x, y, z), translation: eye }.as_affine3a()
     }
 }
 

@@ -109,18 +109,7 @@ impl TextureSlot {
             | Self::SheenColor
             | Self::SpecularGlossiness
             | Self::DiffuseTransmissionColor => Encoding::Srgb,
-            Self::MetallicRoughness
-            | Self::Normal
-            | Self::Specular
-            | Self::Transmission
-            | Self::Clearcoat
-            | Self::ClearcoatRoughness
-            | Self::ClearcoatNormal
-            | Self::SheenRoughness
-            | Self::DiffuseTransmission
-            | Self::Anisotropy
-            | Self::Iridescence
-            | Self::IridescenceThickness => Encoding::Linear,
+            _ => Encoding::Linear,
         }
     }
 }

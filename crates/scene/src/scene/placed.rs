@@ -3,7 +3,7 @@
 use std::fmt::{self, Display};
 use std::str::FromStr;
 
-use glam::{Affine3A, DMat3, DMat4, DVec3, Mat3};
+use glam::{Affine3A, DMat3, DMat4, DVec3};
 
 use super::{Calibration, Camera, Framing, Projection, Scene};
 use crate::{Error, Result};
@@ -72,16 +72,8 @@ impl Orbit {
         let x = DVec3::new(azimuth.cos(), 0.0, -azimuth.sin());
         let axes = DMat3::from_cols(x, z.cross(x), z).as_mat3();
         let eye = centre + z * (self.distance * reach);
-        Camera {
-            name: Self::NAME.into(),
-            projection: Projection::Perspective { yfov: Framing::YFOV as f32 },
-            aspect: None,
-            to_world: Affine3A::from_mat3_translation(axes, eye.as_vec3()),
-            motion: None,
-            adjacent_frames: None,
-            framing: None,
-            clip: None,
-        }
+        let projection = Projection::Perspective { yfov: Framing::YFOV as f32 };
+        Camera::new(Self::NAME, projection, Affine3A::from_mat3_translation(axes, eye.as_vec3()))
     }
 }
 
@@ -151,19 +143,9 @@ impl PlacedCamera {
             FieldOfView::Panorama => Projection::Panorama,
             FieldOfView::Calibrated(calibration) => Projection::Calibrated(calibration),
         };
-        Ok(Camera {
-            name: name.clone(),
-            projection,
-            aspect: (projection == Projection::Panorama).then_some(2.0),
-            to_world: Affine3A::from_mat3_translation(
-                Mat3::from_cols_array(&axes.to_cols_array().map(|x| x as f32)),
-                matrix.w_axis.truncate().as_vec3(),
-            ),
-            motion: None,
-            adjacent_frames: None,
-            framing: None,
-            clip: None,
-        })
+        let to_world = Affine3A::from_mat3_translation(axes.as_mat3(), matrix.w_axis.truncate().as_vec3());
+        let aspect = (projection == Projection::Panorama).then_some(2.0);
+        Ok(Camera { aspect, ..Camera::new(name, projection, to_world) })
     }
 }
 

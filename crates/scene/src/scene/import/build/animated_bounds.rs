@@ -16,7 +16,7 @@ use super::transforms::is_visible;
 use crate::error::Result;
 use crate::scene::import::document::Document;
 use crate::scene::import::document::attributes::Semantic;
-use crate::scene::import::document::nodes::world_transforms;
+use crate::scene::import::document::nodes::{top_nodes, world_transforms};
 use crate::scene::import::document::primitives::Primitive;
 use crate::scene::import::options::Pose;
 use crate::scene::{AnimatedBounds, Framing, MAX_COORDINATE};
@@ -163,7 +163,7 @@ impl Played {
     /// The meshes of the shown scene that move, hidden ones too.
     fn shown(&self, reader: &mut Reader) -> Vec<Shown<'_>> {
         let document = reader.document;
-        let identity = vec![DMat4::IDENTITY; document.nodes.len()];
+        let identity = vec![DAffine3::IDENTITY; document.nodes.len()];
         let (mut shown, mut stack) = (Vec::new(), document.roots.clone());
         while let Some(node) = stack.pop() {
             let Ok(content) = document.nodes[node].content() else { continue };
@@ -202,11 +202,9 @@ impl Played {
     /// The nodes that move, parents before children.
     fn parts(&self, document: &Document, json: &Value, base: &[DAffine3]) -> Vec<Part<'_>> {
         let nodes = &document.nodes;
-        let mut is_child = vec![false; nodes.len()];
-        nodes.iter().flat_map(|node| &node.children).for_each(|&child| is_child[child] = true);
         let mut parts = Vec::new();
         let mut stack: Vec<(usize, DAffine3, Option<usize>, bool)> =
-            (0..nodes.len()).filter(|&i| !is_child[i]).map(|i| (i, DAffine3::IDENTITY, None, true)).collect();
+            top_nodes(nodes).into_iter().map(|i| (i, DAffine3::IDENTITY, None, true)).collect();
         while let Some((node, parent, mut moving_parent, mut visible)) = stack.pop() {
             let own = nodes[node].content().is_ok_and(|content| content.visible);
             if self.moved[node] {
@@ -355,11 +353,8 @@ fn read(reader: &mut Reader, primitive: &Primitive, skinned: bool, all: &mut Vec
         morphs.push(target.get(&Semantic::Position).map(|&index| reader.floats::<3>(index)).transpose()?);
     }
     let mut joints = Vec::new();
-    for set in (0..primitive.skin_sets()).filter(|_| skinned) {
-        let accessors = [Semantic::Joints(set), Semantic::Weights(set)].map(|s| primitive.attributes.get(&s));
-        if let [Some(&chosen), Some(&weights)] = accessors {
-            joints.push((reader.integers::<4>(chosen)?, reader.floats::<4>(weights)?));
-        }
+    for (chosen, weights) in primitive.skin_sets().filter(|_| skinned) {
+        joints.push((reader.integers::<4>(chosen)?, reader.floats::<4>(weights)?));
     }
     let double = |p: [f32; 3]| DVec3::from(p.map(f64::from));
     let finite = |p: &DVec3| p.is_finite();

@@ -1,22 +1,17 @@
 //! Sizes of a scene.
 
-use std::sync::Arc;
-
 use crate::scene::import::report::SceneCounts;
-use crate::scene::{self, Deformation, Instance, Mesh, Scene, Texels};
+use crate::scene::{self, Deformation, Mesh, Scene, Texels};
 
 /// Size of a mesh's arrays in bytes.
 pub fn mesh_bytes(mesh: &Mesh) -> u64 {
-    fn array_bytes<T>(values: Option<&Vec<T>>) -> usize {
-        values.map_or(0, |v| size_of_val(v.as_slice()))
-    }
+    let texcoords = mesh.texcoords.iter().flatten().chain(mesh.more_texcoords.iter().map(|(_, set)| set));
     let bytes = size_of_val(&mesh.positions[..])
-        + array_bytes(Some(&mesh.indices))
-        + array_bytes(mesh.normals.as_ref())
-        + array_bytes(mesh.tangents.as_ref())
-        + mesh.texcoords.iter().map(|t| array_bytes(t.as_ref())).sum::<usize>()
-        + mesh.more_texcoords.iter().map(|(_, t)| array_bytes(Some(t))).sum::<usize>()
-        + array_bytes(mesh.colors.as_ref())
+        + size_of_val(&mesh.indices[..])
+        + mesh.normals.as_deref().map_or(0, size_of_val)
+        + mesh.tangents.as_deref().map_or(0, size_of_val)
+        + texcoords.map(|set| size_of_val(&set[..])).sum::<usize>()
+        + mesh.colors.as_deref().map_or(0, size_of_val)
         + mesh.motion.as_ref().map_or(0, Deformation::bytes);
     bytes as u64
 }
@@ -33,14 +28,9 @@ pub fn image_bytes(image: &scene::Image) -> u64 {
 
 /// Counts a scene's elements and bytes.
 pub fn count(scene: &Scene) -> SceneCounts {
-    let triangles = |meshes: &[Arc<Mesh>]| meshes.iter().map(|m| m.indices.len() as u64).sum::<u64>();
-    let instance_triangles = |i: &Instance| {
-        let range = &scene.objects[i.object as usize].meshes;
-        triangles(&scene.meshes[range.start as usize..range.end as usize])
-    };
     SceneCounts {
-        triangles: triangles(&scene.meshes),
-        instanced_triangles: scene.instances.iter().map(instance_triangles).sum(),
+        triangles: scene.meshes.iter().map(|mesh| mesh.indices.len() as u64).sum(),
+        instanced_triangles: scene.instances.iter().map(|i| scene.triangles(i.object) as u64).sum(),
         meshes: scene.meshes.len() as u64,
         objects: scene.objects.len() as u64,
         instances: scene.instances.len() as u64,

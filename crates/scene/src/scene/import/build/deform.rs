@@ -5,6 +5,7 @@ use glam::{DMat3, DMat4, DVec3};
 use super::geometry::Geometry;
 use super::reader::Reader;
 use crate::error::Result;
+use crate::scene::Mesh;
 use crate::scene::import::complaint::bad;
 use crate::scene::import::document::attributes::{Attributes, Semantic};
 use crate::scene::import::document::primitives::Primitive;
@@ -42,10 +43,11 @@ pub fn apply_pose(reader: &mut Reader, primitive: &Primitive, pose: &MeshPose, g
 
 /// Positions and normals of the undeformed vertices `g` at another time.
 pub fn geometry_at(reader: &mut Reader, primitive: &Primitive, pose: &MeshPose, g: &Geometry) -> Result<Geometry> {
-    reader.budget.take(&primitive.at, g.positions.len() as u64, 24)?;
+    reader.budget.take(&primitive.at, g.mesh.positions.len() as u64, 24)?;
     // The deltas and weights are not kept in memory: their budget is given back.
     let budget = reader.budget.clone();
-    let mut posed = Geometry { positions: g.positions.clone(), normals: g.normals.clone(), ..Default::default() };
+    let mesh = Mesh { positions: g.mesh.positions.clone(), normals: g.mesh.normals.clone(), ..Default::default() };
+    let mut posed = Geometry { mesh, ..Default::default() };
     apply_pose(reader, primitive, pose, &mut posed)?;
     reader.budget = budget;
     Ok(posed)
@@ -53,7 +55,7 @@ pub fn geometry_at(reader: &mut Reader, primitive: &Primitive, pose: &MeshPose, 
 
 /// Adds the weighted displacements of the morph targets.
 fn morph(reader: &mut Reader, primitive: &Primitive, weights: &[f32], g: &mut Geometry) -> Result<()> {
-    let (vertices, mut mended) = (g.positions.len(), 0);
+    let (vertices, mut mended) = (g.mesh.positions.len(), 0);
     let mut add_to = |x: &mut f32, weight: f32, delta: f32| match delta.is_finite() {
         true => *x += weight * delta,
         false => mended += 1,
@@ -69,17 +71,17 @@ fn morph(reader: &mut Reader, primitive: &Primitive, weights: &[f32], g: &mut Ge
             }
             Ok(())
         };
-        add(Semantic::Position, &mut g.positions.iter_mut().map(|p| p.as_mut_slice()))?;
-        add(Semantic::Normal, &mut g.normals.iter_mut().flatten().map(|n| n.as_mut_slice()))?;
-        add(Semantic::Tangent, &mut g.tangents.iter_mut().flatten().map(|t| &mut t[..3]))?;
-        if let (Some(colors), Some(&index)) = (&mut g.colors, target.get(&Semantic::Color(0))) {
+        add(Semantic::Position, &mut g.mesh.positions.as_mut_slice().iter_mut().map(|p| p.as_mut_slice()))?;
+        add(Semantic::Normal, &mut g.mesh.normals.iter_mut().flatten().map(|n| n.as_mut_slice()))?;
+        add(Semantic::Tangent, &mut g.mesh.tangents.iter_mut().flatten().map(|t| &mut t[..3]))?;
+        if let (Some(colors), Some(&index)) = (&mut g.mesh.colors, target.get(&Semantic::Color(0))) {
             let deltas = reader.flat(index)?;
             for (color, delta) in colors.iter_mut().zip(deltas.chunks(deltas.len() / vertices)) {
                 color.iter_mut().zip(delta).for_each(|(x, d)| add_to(x, weight, *d as f32));
             }
         }
-        let first = (0..).zip(&mut g.texcoords).filter_map(|(set, out)| Some((set, out.as_mut()?)));
-        let more = g.more_texcoords.iter_mut().map(|(set, out)| (u32::from(*set), out));
+        let first = (0..).zip(&mut g.mesh.texcoords).filter_map(|(set, out)| Some((set, out.as_mut()?)));
+        let more = g.mesh.more_texcoords.iter_mut().map(|(set, out)| (u32::from(*set), out));
         for (set, out) in first.chain(more) {
             if let Some(&index) = target.get(&Semantic::TexCoord(set)) {
                 let deltas = reader.floats::<2>(index)?;
@@ -90,20 +92,15 @@ fn morph(reader: &mut Reader, primitive: &Primitive, weights: &[f32], g: &mut Ge
         }
     }
     g.mended += mended;
-    g.colors.iter_mut().flatten().flatten().filter(|x| x.is_finite()).for_each(|x| *x = x.clamp(0.0, 1.0));
+    g.mesh.colors.iter_mut().flatten().flatten().filter(|x| x.is_finite()).for_each(|x| *x = x.clamp(0.0, 1.0));
     Ok(())
 }
 
 /// Linear blend skinning: transforms every vertex by the weighted mean of its joints' matrices.
 fn skin(reader: &mut Reader, primitive: &Primitive, joints: &[DMat4], g: &mut Geometry) -> Result<()> {
-    reader.budget.take(&primitive.at, g.positions.len() as u64, size_of::<DMat4>() as u64)?;
-    let mut blended = vec![(DMat4::ZERO, 0.0_f64); g.positions.len()];
-    for set in 0..primitive.skin_sets() {
-        let (Some(&joint_index), Some(&weight_index)) =
-            (primitive.attributes.get(&Semantic::Joints(set)), primitive.attributes.get(&Semantic::Weights(set)))
-        else {
-            continue;
-        };
+    reader.budget.take(&primitive.at, g.mesh.positions.len() as u64, size_of::<DMat4>() as u64)?;
+    let mut blended = vec![(DMat4::ZERO, 0.0_f64); g.mesh.positions.len()];
+    for (joint_index, weight_index) in primitive.skin_sets() {
         let chosen = reader.integers::<4>(joint_index)?;
         let weights = reader.floats::<4>(weight_index)?;
         for (vertex, ((matrix, sum), (chosen, weights))) in
@@ -131,12 +128,12 @@ fn skin(reader: &mut Reader, primitive: &Primitive, joints: &[DMat4], g: &mut Ge
         // A vertex without weights follows the first joint.
         let matrix = if sum > 0.0 { matrix * (1.0 / sum) } else { joints.first().copied().unwrap_or(DMat4::IDENTITY) };
         let linear = DMat3::from_mat4(matrix);
-        let p = &mut g.positions[vertex];
+        let p = &mut g.mesh.positions.as_mut_slice()[vertex];
         *p = matrix.transform_point3(DVec3::from(p.map(f64::from))).as_vec3().to_array();
         transform_frame(
             &linear,
-            g.normals.as_mut().map(|n| &mut n[vertex]),
-            g.tangents.as_mut().map(|t| &mut t[vertex]),
+            g.mesh.normals.as_mut().map(|n| &mut n[vertex]),
+            g.mesh.tangents.as_mut().map(|t| &mut t[vertex]),
         );
     }
     Ok(())

@@ -5,23 +5,15 @@ use std::collections::HashMap;
 use glam::{DVec3, Vec3};
 
 use crate::scene::import::report::Notes;
-use crate::scene::{self, Deformation, Positions};
+use crate::scene::{Mesh, Positions};
 
-/// Vertex data of a mesh; all arrays are as long as `positions`.
+/// A mesh while it is built.
 #[derive(Debug, Default)]
 pub struct Geometry {
-    pub positions: Vec<[f32; 3]>,
-    pub normals: Option<Vec<[f32; 3]>>,
-    pub tangents: Option<Vec<[f32; 4]>>,
-    pub texcoords: [Option<Vec<[f32; 2]>>; 2],
-    /// See [`scene::Mesh::more_texcoords`].
-    pub more_texcoords: Vec<(u8, Vec<[f32; 2]>)>,
-    pub colors: Option<Vec<[f32; 4]>>,
-    pub indices: Vec<[u32; 3]>,
+    /// All its arrays of vertex data are as long as `positions`.
+    pub mesh: Mesh,
     /// Index of each vertex in the file; present if other time samples are needed.
     pub source: Option<Vec<u32>>,
-    pub motion: Option<Deformation>,
-    pub adjacent_frames: Option<[Positions; 2]>,
     /// Numbers that were not finite and had no effect: weights of joints, deltas of morph targets.
     pub mended: usize,
     /// Texture coordinate set for which tangents must still be generated.
@@ -29,7 +21,7 @@ pub struct Geometry {
 }
 
 fn point(g: &Geometry, i: u32) -> DVec3 {
-    DVec3::from(g.positions[i as usize].map(f64::from))
+    DVec3::from(g.mesh.positions[i as usize].map(f64::from))
 }
 
 /// Twice the triangle's area vector.
@@ -41,17 +33,17 @@ impl Geometry {
     /// Replaces colours and texture coordinates that are NaN or infinite, with a note: NaN in a colour by 1, in coordinates by 0.
     /// Colours are clamped to [0, 1]; normals and tangents are made unit vectors later.
     pub fn mend_numbers(&mut self, at: &str, notes: &mut Notes) {
-        let mut mended = self.mended;
+        let (mesh, mut mended) = (&mut self.mesh, self.mended);
         let mut mend = |x: &mut f32, instead: f32| {
             if !x.is_finite() {
                 *x = if x.is_nan() { instead } else { x.clamp(0.0, 1.0) };
                 mended += 1;
             }
         };
-        self.colors.iter_mut().flatten().flatten().for_each(|x| mend(x, 1.0));
-        let sets = self.texcoords.iter_mut().flatten().chain(self.more_texcoords.iter_mut().map(|(_, set)| set));
+        mesh.colors.iter_mut().flatten().flatten().for_each(|x| mend(x, 1.0));
+        let sets = mesh.texcoords.iter_mut().flatten().chain(mesh.more_texcoords.iter_mut().map(|(_, set)| set));
         sets.flatten().flatten().for_each(|x| mend(x, 0.0));
-        self.tangents.iter_mut().flatten().filter(|t| !t.iter().all(|x| x.is_finite())).for_each(|t| {
+        mesh.tangents.iter_mut().flatten().filter(|t| !t.iter().all(|x| x.is_finite())).for_each(|t| {
             *t = [0.0, 0.0, 0.0, if t[3] < 0.0 { -1.0 } else { 1.0 }];
             mended += 1;
         });
@@ -65,12 +57,12 @@ impl Geometry {
 
     /// Removes triangles of which a corner is not finite, here or at one of the `others`' times, with a note.
     pub fn drop_not_finite<'a>(&mut self, others: impl Iterator<Item = &'a Self>, at: &str, notes: &mut Notes) {
-        let not_finite = |g: &Self, i: usize| !g.positions[i].iter().all(|x| x.is_finite());
-        let mut bad: Vec<bool> = (0..self.positions.len()).map(|i| not_finite(self, i)).collect();
+        let not_finite = |g: &Self, i: usize| !g.mesh.positions[i].iter().all(|x| x.is_finite());
+        let mut bad: Vec<bool> = (0..self.mesh.positions.len()).map(|i| not_finite(self, i)).collect();
         others.for_each(|g| bad.iter_mut().enumerate().for_each(|(i, bad)| *bad |= not_finite(g, i)));
-        let before = self.indices.len();
-        self.indices.retain(|t| !t.iter().any(|&i| bad[i as usize]));
-        let dropped = before - self.indices.len();
+        let before = self.mesh.indices.len();
+        self.mesh.indices.retain(|t| !t.iter().any(|&i| bad[i as usize]));
+        let dropped = before - self.mesh.indices.len();
         if dropped > 0 {
             notes.not_loaded(at, format!("{dropped} triangles with a position that is not finite"));
         }
@@ -78,51 +70,54 @@ impl Geometry {
 
     /// Removes triangles that are lines as seen along a direction.
     pub fn drop_edge_on(&mut self, direction: DVec3) {
-        let mut indices = std::mem::take(&mut self.indices);
+        let mut indices = std::mem::take(&mut self.mesh.indices);
         indices.retain(|&t| cross(self, t).normalize_or_zero().dot(direction).abs() > 1e-9);
-        self.indices = indices;
+        self.mesh.indices = indices;
     }
 
     /// Removes triangles without area, with a note.
     pub fn drop_degenerate(&mut self, at: &str, notes: &mut Notes) {
-        let before = self.indices.len();
-        let mut indices = std::mem::take(&mut self.indices);
+        let before = self.mesh.indices.len();
+        let mut indices = std::mem::take(&mut self.mesh.indices);
         indices.retain(|&t| cross(self, t) != DVec3::ZERO);
-        self.indices = indices;
-        if self.indices.len() < before {
+        self.mesh.indices = indices;
+        if self.mesh.indices.len() < before {
             notes.not_loaded(at, "triangles without area");
         }
     }
 
     /// Removes vertices that no triangle uses: primitives often share one large array.
     pub fn compact(&mut self) {
-        const UNUSED: u32 = u32::MAX;
-        let mut new_index = vec![UNUSED; self.positions.len()];
-        self.indices.iter().flatten().for_each(|&i| new_index[i as usize] = 0);
-        if !new_index.contains(&UNUSED) {
+        let mut used = vec![false; self.mesh.positions.len()];
+        self.mesh.indices.iter().flatten().for_each(|&i| used[i as usize] = true);
+        if !used.contains(&false) {
             return;
         }
-        let keep: Vec<bool> = new_index.iter().map(|&i| i != UNUSED).collect();
-        for (next, slot) in (0..).zip(new_index.iter_mut().filter(|slot| **slot != UNUSED)) {
-            *slot = next;
+        let kept: Vec<u32> = (0..).zip(&used).filter(|(_, used)| **used).map(|(i, _)| i).collect();
+        let mut new_index = vec![0; used.len()];
+        (0..).zip(&kept).for_each(|(next, &i)| new_index[i as usize] = next);
+        self.mesh.indices.iter_mut().flatten().for_each(|i| *i = new_index[*i as usize]);
+        self.pick(&kept);
+    }
+
+    /// Replaces the vertices by those with these indices.
+    fn pick(&mut self, from: &[u32]) {
+        fn pick<T: Copy>(values: &mut Vec<T>, from: &[u32]) {
+            *values = from.iter().map(|&i| values[i as usize]).collect();
         }
-        self.indices.iter_mut().flatten().for_each(|i| *i = new_index[*i as usize]);
-        fn filter<T: Copy>(values: &mut Vec<T>, keep: &[bool]) {
-            *values = values.iter().zip(keep).filter(|(_, keep)| **keep).map(|(v, _)| *v).collect();
-        }
-        filter(&mut self.positions, &keep);
-        self.source.iter_mut().for_each(|v| filter(v, &keep));
-        self.normals.iter_mut().for_each(|v| filter(v, &keep));
-        self.tangents.iter_mut().for_each(|v| filter(v, &keep));
-        self.texcoords.iter_mut().flatten().for_each(|v| filter(v, &keep));
-        self.more_texcoords.iter_mut().for_each(|(_, v)| filter(v, &keep));
-        self.colors.iter_mut().for_each(|v| filter(v, &keep));
+        self.mesh.positions = Positions::new(from.iter().map(|&i| self.mesh.positions[i as usize]).collect());
+        self.source.iter_mut().for_each(|v| pick(v, from));
+        self.mesh.normals.iter_mut().for_each(|v| pick(v, from));
+        self.mesh.tangents.iter_mut().for_each(|v| pick(v, from));
+        self.mesh.texcoords.iter_mut().flatten().for_each(|v| pick(v, from));
+        self.mesh.more_texcoords.iter_mut().for_each(|(_, v)| pick(v, from));
+        self.mesh.colors.iter_mut().for_each(|v| pick(v, from));
     }
 
     /// Normalizes normals; those of length zero become the area-weighted mean of their triangles' normals. Normals that contradict
     /// the winding of all triangles are negated; returns whether they were.
     pub fn repair_normals(&mut self, at: &str, notes: &mut Notes) -> bool {
-        let Some(mut normals) = self.normals.take() else { return false };
+        let Some(mut normals) = self.mesh.normals.take() else { return false };
         let mut missing = false;
         for n in &mut normals {
             let unit = Vec3::from(*n).as_dvec3().try_normalize();
@@ -132,7 +127,7 @@ impl Geometry {
         if missing {
             notes.repaired(at, "normals of length 0, or not finite: the triangles' own are used");
             let mut sums = vec![DVec3::ZERO; normals.len()];
-            for &t in &self.indices {
+            for &t in &self.mesh.indices {
                 let area = cross(self, t);
                 t.iter().for_each(|&i| sums[i as usize] += area);
             }
@@ -145,82 +140,38 @@ impl Geometry {
             let sum: DVec3 = t.iter().map(|&i| Vec3::from(normals[i as usize]).as_dvec3()).sum();
             sum.dot(cross(self, *t)) < 0.0
         };
-        let is_inverted = self.indices.iter().all(against);
+        let is_inverted = self.mesh.indices.iter().all(against);
         if is_inverted {
             notes.repaired(at, "normals that point away from the front of every triangle: turned around");
             normals.iter_mut().flatten().for_each(|x| *x = -*x);
             // The bitangent stays as it was.
-            self.tangents.iter_mut().flatten().for_each(|t| t[3] = -t[3]);
+            self.mesh.tangents.iter_mut().flatten().for_each(|t| t[3] = -t[3]);
         }
-        self.normals = Some(normals);
+        self.mesh.normals = Some(normals);
         is_inverted
     }
 
     /// Splits vertices so that no two triangles share one.
     pub fn unweld(&mut self) {
-        fn spread<T: Copy>(values: &mut Vec<T>, indices: &[[u32; 3]]) {
-            *values = indices.iter().flatten().map(|&i| values[i as usize]).collect();
-        }
-        spread(&mut self.positions, &self.indices);
-        self.source.iter_mut().for_each(|v| spread(v, &self.indices));
-        self.normals.iter_mut().for_each(|v| spread(v, &self.indices));
-        self.tangents.iter_mut().for_each(|v| spread(v, &self.indices));
-        self.texcoords.iter_mut().flatten().for_each(|v| spread(v, &self.indices));
-        self.more_texcoords.iter_mut().for_each(|(_, v)| spread(v, &self.indices));
-        self.colors.iter_mut().for_each(|v| spread(v, &self.indices));
-        for (i, triangle) in self.indices.iter_mut().enumerate() {
-            *triangle = [0, 1, 2].map(|corner| 3 * i as u32 + corner);
-        }
+        let triangles = std::mem::take(&mut self.mesh.indices);
+        self.pick(triangles.as_flattened());
+        self.mesh.indices = (0..triangles.len() as u32).map(|i| [0, 1, 2].map(|corner| 3 * i + corner)).collect();
     }
 
     /// Merges the corners of an unwelded mesh whose original vertex (`origin`) and tangent are equal.
     pub fn weld(&mut self, origin: &[u32]) {
         let mut by_key: HashMap<(u32, [u32; 4]), u32> = HashMap::new();
-        let mut kept: Vec<usize> = Vec::new();
-        let tangents = self.tangents.as_ref();
+        let mut kept: Vec<u32> = Vec::new();
+        let tangents = self.mesh.tangents.as_ref();
         let mut target = Vec::with_capacity(origin.len());
-        for (corner, &vertex) in origin.iter().enumerate() {
-            let tangent = tangents.map_or([0; 4], |t| t[corner].map(f32::to_bits));
+        for (corner, &vertex) in (0..).zip(origin) {
+            let tangent = tangents.map_or([0; 4], |t| t[corner as usize].map(f32::to_bits));
             target.push(*by_key.entry((vertex, tangent)).or_insert_with(|| {
                 kept.push(corner);
                 (kept.len() - 1) as u32
             }));
         }
-        fn pick<T: Copy>(values: &mut Vec<T>, kept: &[usize]) {
-            *values = kept.iter().map(|&i| values[i]).collect();
-        }
-        pick(&mut self.positions, &kept);
-        self.source.iter_mut().for_each(|v| pick(v, &kept));
-        self.normals.iter_mut().for_each(|v| pick(v, &kept));
-        self.tangents.iter_mut().for_each(|v| pick(v, &kept));
-        self.texcoords.iter_mut().flatten().for_each(|v| pick(v, &kept));
-        self.more_texcoords.iter_mut().for_each(|(_, v)| pick(v, &kept));
-        self.colors.iter_mut().for_each(|v| pick(v, &kept));
-        self.indices.iter_mut().flatten().for_each(|i| *i = target[*i as usize]);
-    }
-
-    /// A set of texture coordinates; `None` if the mesh does not have it.
-    pub fn texcoord_set(&self, set: u8) -> Option<&[[f32; 2]]> {
-        match self.texcoords.get(usize::from(set)) {
-            Some(texcoords) => texcoords.as_deref(),
-            None => self.more_texcoords.iter().find(|(number, _)| *number == set).map(|(_, texcoords)| &texcoords[..]),
-        }
-    }
-
-    /// The scene's mesh.
-    pub fn into_mesh(self, name: String, material: u32) -> scene::Mesh {
-        scene::Mesh {
-            name,
-            positions: Positions::new(self.positions),
-            normals: self.normals,
-            tangents: self.tangents,
-            texcoords: self.texcoords,
-            more_texcoords: self.more_texcoords,
-            colors: self.colors,
-            indices: self.indices,
-            material,
-            motion: self.motion,
-            adjacent_frames: self.adjacent_frames,
-        }
+        self.pick(&kept);
+        self.mesh.indices.iter_mut().flatten().for_each(|i| *i = target[*i as usize]);
     }
 }

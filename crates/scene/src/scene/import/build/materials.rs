@@ -4,6 +4,7 @@ use std::collections::HashMap;
 
 use super::lights::dimmed;
 use super::textures::TextureTable;
+use super::unshown::note_extensions;
 use crate::error::Result;
 use crate::scene::import::document::Document;
 use crate::scene::import::document::materials::Material;
@@ -20,9 +21,7 @@ fn resolve(
     for path in &from.clamped {
         notes.repaired(path, "a factor outside of 0 to 1 is clamped");
     }
-    for (name, why) in &from.left_out {
-        notes.ignored(&format!("{}.extensions.{name}", from.at), format!("{name}: {why}"));
-    }
+    note_extensions(&from.at, &from.extensions, notes);
     let mut material = from.plain.clone();
     let lit = !material.unlit;
     for slot in TextureSlot::ALL {

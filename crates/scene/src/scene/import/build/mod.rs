@@ -51,10 +51,11 @@ use placements::{check_extent, corners, keep_visible, points, visit_points};
 pub use pose::posed;
 use primitive::Draft;
 use reader::Reader;
+use skins::joint_matrices;
 use textures::TextureTable;
 pub use time_samples::{TimeSample, time_sample, time_samples};
-use transforms::{is_flat, is_visible, lost_direction, thickened, to_f32};
-use unshown::{note_document, note_faults, note_unplaced};
+use transforms::{is_flat, is_visible, lost_direction, thickened};
+use unshown::{note_document, note_extensions, note_faults, note_unplaced};
 
 /// The document to build, with the state of its animations.
 pub struct ShownDocument<'a> {
@@ -190,13 +191,9 @@ type Form = (Vec<f32>, Option<Vec<DMat4>>);
 /// The only placement of an object that does not move, with its transforms one frame before and after if they differ.
 type SinglePlacement<'a> = (&'a Placement, Option<[DAffine3; 2]>);
 
-/// Transforms of a placement over time.
-struct PlacementTimes {
-    /// At the time samples of the shutter; `None` if they do not change.
-    shutter: Option<Vec<DAffine3>>,
-    /// One frame before and after; `None` if equal to the picture's.
-    adjacent_frames: Option<[DAffine3; 2]>,
-}
+/// Transforms of a placement over time: at the time samples of the shutter, `None` if they do not change; one frame before and
+/// after, `None` if equal to the picture's.
+type PlacementTimes = (Option<Vec<DAffine3>>, Option<[DAffine3; 2]>);
 
 /// Objects of the previous import of the same files, and of this one.
 struct ObjectReuse {
@@ -229,10 +226,7 @@ impl Assembly<'_> {
     ) -> Result<()> {
         let document = self.document;
         let mesh = document.meshes.get(key.mesh)?;
-        let joints = match key.skin {
-            Some(skin) => Some(skins::joint_matrices(document.skins.get(skin)?, &mut self.reader, &flattened.worlds)?),
-            None => None,
-        };
+        let joints = self.joints(key, &flattened.worlds)?;
         let start = self.scene.meshes.len() as u32;
         if placements.is_empty() {
             return Ok(());
@@ -249,8 +243,8 @@ impl Assembly<'_> {
         // The transform is baked into the meshes if the object is placed once and does not move.
         let single = match placements {
             [placement] => match self.placement_times(placement, notes) {
-                PlacementTimes { shutter: Some(_), .. } => None,
-                PlacementTimes { shutter: None, adjacent_frames } => Some((*placement, adjacent_frames)),
+                (Some(_), _) => None,
+                (None, adjacent_frames) => Some((*placement, adjacent_frames)),
             },
             _ => None,
         };
@@ -290,9 +284,7 @@ impl Assembly<'_> {
             self.framed_objects.extend((!worlds.is_empty()).then_some((object, single.is_some(), worlds)));
         }
         if let Some((placement, _)) = single {
-            let (name, category) = (placement.name.clone(), placement.category.clone());
-            let light_group = placement.light_group.clone();
-            self.scene.instances.push(Instance { name, category, light_group, object, ..Default::default() });
+            self.scene.instances.push(placement.instance(object));
             return Ok(());
         }
         self.add_instances(object, mesh, placements, notes)
@@ -312,18 +304,15 @@ impl Assembly<'_> {
         let thick = |worlds: Vec<DAffine3>| worlds.iter().map(|world| thickened(world, &corners)).collect::<Vec<_>>();
         for placement in placements {
             // One after the other: transforms at all times take more memory than what is kept of them.
-            let times = self.placement_times(placement, notes);
-            for world in [&placement.world].into_iter().chain(times.shutter.iter().flatten()) {
+            let (shutter, adjacent_frames) = self.placement_times(placement, notes);
+            for world in [&placement.world].into_iter().chain(shutter.iter().flatten()) {
                 check_extent(&corners, world, &placement.at, &mesh.at)?;
             }
             self.scene.instances.push(Instance {
-                name: placement.name.clone(),
-                category: placement.category.clone(),
-                light_group: placement.light_group.clone(),
-                object,
-                transform: Some(to_f32(&thickened(&placement.world, &corners))),
-                motion: times.shutter.and_then(|transforms| Motion::new(&thick(transforms))).map(Arc::new),
-                adjacent_frames: times.adjacent_frames.map(|both| both.map(|w| to_f32(&thickened(&w, &corners)))),
+                transform: Some(thickened(&placement.world, &corners).as_affine3a()),
+                motion: shutter.and_then(|transforms| Motion::new(&thick(transforms))).map(Arc::new),
+                adjacent_frames: adjacent_frames.map(|both| both.map(|w| thickened(&w, &corners).as_affine3a())),
+                ..placement.instance(object)
             });
         }
         Ok(())
@@ -331,35 +320,33 @@ impl Assembly<'_> {
 
     /// Morph weights and joint matrices at each time sample.
     fn forms(&mut self, key: &ObjectKey) -> Result<Vec<Form>> {
-        let mut forms = Vec::new();
-        for (i, time_sample) in self.time_samples.iter().enumerate() {
+        let (time_samples, mut forms) = (self.time_samples, Vec::new());
+        for (i, time_sample) in time_samples.iter().enumerate() {
             let weights = key.weights_over_time.get(i).unwrap_or(&key.weights).iter().map(|bits| f32::from_bits(*bits));
-            let joints = match key.skin.map(|skin| self.document.skins.get(skin)).transpose()? {
-                Some(skin) => Some(skins::joint_matrices(skin, &mut self.reader, &time_sample.matrices())?),
-                None => None,
-            };
-            forms.push((weights.collect(), joints));
+            forms.push((weights.collect(), self.joints(key, &time_sample.worlds)?));
         }
         Ok(forms)
+    }
+
+    /// Joint matrices of an object's skin, given every node's world transform; `None` without a skin.
+    fn joints(&mut self, key: &ObjectKey, worlds: &[DAffine3]) -> Result<Option<Vec<DMat4>>> {
+        let Some(skin) = key.skin else { return Ok(None) };
+        joint_matrices(self.document.skins.get(skin)?, &mut self.reader, worlds).map(Some)
     }
 
     /// Transforms of a placement at the time samples.
     fn placement_times(&self, placement: &Placement, notes: &mut Notes) -> PlacementTimes {
         let transforms = placement.transforms_at(self.time_samples);
-        let still = |transforms: &[DAffine3]| transforms.iter().all(|world| to_f32(world) == to_f32(&placement.world));
+        let own = placement.world.as_affine3a();
+        let still = |transforms: &[DAffine3]| transforms.iter().all(|world| world.as_affine3a() == own);
         let (shutter, adjacent_frames) = transforms.split_at(self.shutter_samples.min(transforms.len()));
         let solid = shutter.iter().all(is_visible);
         if !solid && !still(shutter) {
             let text = "zero or infinite scale while the shutter is open: rendered without motion, as at the picture's own time";
             notes.approximated(&placement.at, text);
         }
-        PlacementTimes {
-            shutter: (solid && !still(shutter)).then(|| shutter.to_vec()),
-            adjacent_frames: adjacent_frames
-                .try_into()
-                .ok()
-                .filter(|adjacent_frames: &[DAffine3; 2]| !still(adjacent_frames)),
-        }
+        let adjacent_frames = <[DAffine3; 2]>::try_from(adjacent_frames).ok();
+        ((solid && !still(shutter)).then(|| shutter.to_vec()), adjacent_frames.filter(|both| !still(both)))
     }
 
     /// Reads an object's meshes, each with the index of its primitive; in world space if there is a `single` placement; without
@@ -374,11 +361,7 @@ impl Assembly<'_> {
         let document = self.document;
         let mut drafts: Vec<(usize, Draft)> = Vec::new();
         for (i, primitive) in mesh.primitives.iter().enumerate() {
-            for name in &primitive.extensions {
-                if let Support::Ignored(why) = support(name) {
-                    notes.ignored(&format!("{}.extensions.{name}", primitive.at), format!("{name}: {why}"));
-                }
-            }
+            note_extensions(&primitive.at, &primitive.extensions, notes);
             // Points and lines are not rendered; reading them notes it.
             if primitive.mode < 4 {
                 primitive::read(&mut self.reader, primitive, &scene::Material::default(), poses, notes)?;
@@ -388,20 +371,20 @@ impl Assembly<'_> {
             let shading = &self.materials.materials[material as usize];
             if let Some(mut geometry) = primitive::read(&mut self.reader, primitive, shading, poses, notes)? {
                 lost.into_iter().for_each(|lost| geometry.drop_edge_on(lost));
-                if geometry.indices.is_empty() {
+                if geometry.mesh.indices.is_empty() {
                     notes.not_loaded(&primitive.at, "a primitive that its scale flattens to lines: nothing to see");
                     continue;
                 }
-                let name = match mesh.primitives.len() {
+                geometry.mesh.name = match mesh.primitives.len() {
                     1 => mesh.name.clone(),
                     _ => format!("{}[{i}]", mesh.name),
                 };
-                drafts.push((i, Draft { geometry, name, material, world: None }));
+                geometry.mesh.material = material;
+                drafts.push((i, Draft { geometry, world: None }));
             }
         }
         if let Some((placement, adjacent_frames)) = single {
-            let positions = drafts.iter().flat_map(|(_, draft)| &draft.geometry.positions);
-            let corners = corners(positions.map(|p| DVec3::from(p.map(f64::from))));
+            let corners = corners(points(drafts.iter().map(|(_, draft)| &draft.geometry.mesh)));
             check_extent(&corners, &placement.world, &placement.at, &mesh.at)?;
             let thick = |world: DAffine3| thickened(&world, &corners);
             let world = (thick(placement.world), adjacent_frames.map(|both| both.map(thick)));

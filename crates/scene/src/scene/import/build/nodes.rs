@@ -3,17 +3,17 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use glam::{Affine3A, DAffine3, DMat4, DQuat, DVec3};
+use glam::{Affine3A, DAffine3, DQuat, DVec3};
 
 use super::reader::Reader;
 use super::time_samples::TimeSample;
+use super::unshown::note_extensions;
 use super::{cameras, lights};
 use crate::error::{Error, Result};
 use crate::scene::import::document::Document;
-use crate::scene::import::document::extensions::{Support, support};
 use crate::scene::import::document::nodes::{Instancing, world_transforms};
 use crate::scene::import::report::Notes;
-use crate::scene::{Camera, LightNode, Motion, PunctualLight};
+use crate::scene::{Camera, Instance, LightNode, Motion, PunctualLight};
 
 /// Identity of an object: nodes with equal keys share their meshes.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
@@ -29,9 +29,9 @@ pub struct ObjectKey {
 /// A placement of an object.
 pub struct Placement {
     pub name: String,
-    /// [`crate::scene::Instance::category`].
+    /// [`Instance::category`].
     pub category: Option<Arc<str>>,
-    /// [`crate::scene::Instance::light_group`].
+    /// [`Instance::light_group`].
     pub light_group: Option<Arc<str>>,
     pub world: DAffine3,
     pub at: String,
@@ -42,6 +42,12 @@ pub struct Placement {
 }
 
 impl Placement {
+    /// The instance of an object whose meshes are in world space.
+    pub fn instance(&self, object: u32) -> Instance {
+        let (name, category, light_group) = (self.name.clone(), self.category.clone(), self.light_group.clone());
+        Instance { name, category, light_group, object, ..Default::default() }
+    }
+
     /// Object to world at each time sample; empty for skinned meshes.
     pub fn transforms_at(&self, time_samples: &[TimeSample]) -> Vec<DAffine3> {
         self.node.iter().flat_map(|&(node, local)| time_samples.iter().map(move |m| m.worlds[node] * local)).collect()
@@ -57,7 +63,7 @@ pub struct FlattenedScene {
     pub lights: Vec<PunctualLight>,
     pub light_nodes: Vec<LightNode>,
     /// Every node's transform to world space, also those of other scenes (joints may be anywhere).
-    pub worlds: Vec<DMat4>,
+    pub worlds: Vec<DAffine3>,
 }
 
 /// Flattens the shown scene; the first `shutter_samples` of the time samples are while the shutter is open.
@@ -71,7 +77,7 @@ pub fn flatten(
     notes: &mut Notes,
 ) -> Result<FlattenedScene> {
     let (nodes, worlds) = (&document.nodes, world_transforms(&document.nodes));
-    let mut out = FlattenedScene { worlds: worlds.iter().map(|&w| w.into()).collect(), ..Default::default() };
+    let mut out = FlattenedScene::default();
     let mut by_key: HashMap<ObjectKey, usize> = HashMap::new();
     let mut shown = vec![false; nodes.len()];
     // In the document's order, depth first.
@@ -86,11 +92,7 @@ pub fn flatten(
         let light_group = node.light_group.clone().or(parent_group);
         let inherited = [category.clone(), light_group.clone()];
         stack.extend(node.children.iter().rev().map(|&child| (child, visible, inherited.clone())));
-        for name in &content.extensions {
-            if let Support::Ignored(why) = support(name) {
-                notes.ignored(&format!("{}.extensions.{name}", node.at), format!("{name}: {why}"));
-            }
-        }
+        note_extensions(&node.at, &content.extensions, notes);
         let world = worlds[index];
         if let Some(camera) = content.camera.map(|c| document.cameras.get(c)).transpose()? {
             let name = if node.name == node.at { camera.name.clone() } else { None };
@@ -133,17 +135,11 @@ pub fn flatten(
             weights_over_time.clear();
         }
         let key = ObjectKey { mesh, weights: bits(weights), weights_over_time, skin: content.skin };
-        let placements = match by_key.get(&key) {
-            Some(&i) => &mut out.objects[i].1,
-            None => {
-                by_key.insert(key.clone(), out.objects.len());
-                out.objects.push((key, Vec::new()));
-                match out.objects.last_mut() {
-                    Some((_, placements)) => placements,
-                    None => continue,
-                }
-            }
-        };
+        let object = *by_key.entry(key.clone()).or_insert(out.objects.len());
+        if object == out.objects.len() {
+            out.objects.push((key, Vec::new()));
+        }
+        let placements = &mut out.objects[object].1;
         let place = |world: DAffine3, inside: Option<(usize, DAffine3)>| Placement {
             name: node.name.clone(),
             category: category.clone(),
@@ -168,6 +164,7 @@ pub fn flatten(
             notes.not_loaded(&node.at, "a node that is not in the shown scene");
         }
     }
+    out.worlds = worlds;
     Ok(out)
 }
 

@@ -15,37 +15,15 @@ use crate::scene::import::document::animations::{Channel, Interpolation};
 use crate::scene::import::options::Pose;
 use crate::scene::import::report::Notes;
 
-/// Last path segments of properties that may be animated. Other targets, such as indices, are not played.
-const ANIMATABLE: &[&str] = &[
-    "translation",
-    "rotation",
-    "scale",
-    "weights",
-    "visible",
-    "offset",
-    "strength",
-    "color",
-    "intensity",
-    "range",
-    "innerConeAngle",
-    "outerConeAngle",
-    "yfov",
-    "xmag",
-    "ymag",
-    "aspectRatio",
-    "znear",
-    "zfar",
-    "alphaCutoff",
-    "ior",
-    "emissiveStrength",
-    "attenuationDistance",
-    "attenuationColor",
-    "anisotropyStrength",
-    "anisotropyRotation",
-    "iridescenceIor",
-    "iridescenceThicknessMinimum",
-    "iridescenceThicknessMaximum",
-    "dispersion",
+/// Last path segments of properties that may be animated, of nodes, lights, cameras and materials. Other targets, such as
+/// indices, are not played.
+const ANIMATABLE: [&[&str]; 6] = [
+    &["translation", "rotation", "scale", "weights", "visible"],
+    &["color", "intensity", "range", "innerConeAngle", "outerConeAngle"],
+    &["yfov", "xmag", "ymag", "aspectRatio", "znear", "zfar"],
+    &["alphaCutoff", "ior", "emissiveStrength", "attenuationDistance", "attenuationColor", "dispersion"],
+    &["anisotropyStrength", "anisotropyRotation", "offset", "strength"],
+    &["iridescenceIor", "iridescenceThicknessMinimum", "iridescenceThicknessMaximum"],
 ];
 
 /// Indices of the animations that are played.
@@ -79,7 +57,7 @@ pub fn posed(document: &Document, json: &Value, file_bytes: u64, pose: &Pose, no
         played.push(if animation.name.is_empty() { format!("animations[{index}]") } else { animation.name.clone() });
         for channel in &animation.channels {
             let name = channel.pointer.rsplit('/').find(|name| !name.bytes().all(|b| b.is_ascii_digit()));
-            if name.is_some_and(|name| ANIMATABLE.contains(&name) || name.ends_with("Factor")) {
+            if name.is_some_and(|name| ANIMATABLE.concat().contains(&name) || name.ends_with("Factor")) {
                 let Some(track) = Track::read(&mut reader, channel)? else {
                     notes.repaired(&channel.at, format!("{}: no key is finite: not played", channel.pointer));
                     continue;
@@ -135,7 +113,7 @@ impl Track {
             return Err(bad(&input.at, "times that increase from key to key", found));
         }
         let mut values = reader.flat(channel.output)?;
-        let values_per_key = channel.interpolation.values_per_key();
+        let values_per_key = values_per_key(channel.interpolation);
         let width = values.len() / (times.len() * values_per_key);
         let rotation = channel.pointer.starts_with("/nodes/") && channel.pointer.ends_with("/rotation");
         let fits = match channel.pointer.rsplit('/').next() {
@@ -167,9 +145,8 @@ impl Track {
     /// The value at a time in seconds.
     pub fn at(&self, seconds: f64) -> Vec<f64> {
         let Self { times, values, width, rotation, interpolation, .. } = self;
-        // A spline stores three values per key: in-tangent, value, out-tangent.
         let spline = *interpolation == Interpolation::CubicSpline;
-        let part = |key: usize, part: usize| &values[(key * interpolation.values_per_key() + part) * width..][..*width];
+        let part = |key: usize, part: usize| &values[(key * values_per_key(*interpolation) + part) * width..][..*width];
         let value = |key: usize| part(key, usize::from(spline));
         let after = times.partition_point(|t| *t <= seconds);
         let (Some(from), true) = (after.checked_sub(1), after < times.len()) else {
@@ -201,6 +178,11 @@ impl Track {
             }
         }
     }
+}
+
+/// Values that are stored for a key; those of a spline are in-tangent, value, out-tangent.
+fn values_per_key(interpolation: Interpolation) -> usize {
+    if interpolation == Interpolation::CubicSpline { 3 } else { 1 }
 }
 
 /// Writes a value at a JSON pointer and creates members that may be absent because they have a default. `false` if the

@@ -18,9 +18,6 @@ use crate::scene::{self, Deformation, Material, Positions};
 #[derive(Debug)]
 pub struct Draft {
     pub geometry: Geometry,
-    pub name: String,
-    /// Index into the scene's materials.
-    pub material: u32,
     /// Transform to bake into the vertices, and those one frame before and after if they differ.
     pub world: Option<(DAffine3, Option<[DAffine3; 2]>)>,
 }
@@ -28,13 +25,14 @@ pub struct Draft {
 impl Draft {
     /// Must tangents be generated?
     pub fn needs_tangents(&self) -> bool {
-        self.geometry.tangents_for.is_some() && self.geometry.tangents.is_none()
+        self.geometry.tangents_for.is_some() && self.geometry.mesh.tangents.is_none()
     }
 
     /// A stand-in mesh with positions only.
     pub fn outline(&self) -> scene::Mesh {
-        let geometry = Geometry { positions: self.geometry.positions.clone(), ..Default::default() };
-        Self { geometry, name: String::new(), material: self.material, world: self.world }.finish()
+        let scene::Mesh { positions, material, .. } = &self.geometry.mesh;
+        let mesh = scene::Mesh { positions: positions.clone(), material: *material, ..Default::default() };
+        Self { geometry: Geometry { mesh, ..Default::default() }, world: self.world }.finish()
     }
 
     /// The scene's mesh.
@@ -42,7 +40,7 @@ impl Draft {
         if let Some(set) = self.geometry.tangents_for {
             tangents::make(&mut self.geometry, set);
         }
-        let mut mesh = self.geometry.into_mesh(self.name, self.material);
+        let mut mesh = self.geometry.mesh;
         if let Some((world, adjacent_frames)) = self.world {
             bake(&mut mesh, &world, adjacent_frames);
         }
@@ -71,18 +69,19 @@ pub fn read(
         return Ok(None);
     }
     reader.check_stream(primitive)?;
-    let mut g = Geometry { positions: reader.floats::<3>(position)?, ..Default::default() };
-    g.indices = read_triangles(reader, primitive, g.positions.len(), notes)?;
+    let mut g = Geometry::default();
+    g.mesh.positions = Positions::new(reader.floats::<3>(position)?);
+    g.mesh.indices = read_triangles(reader, primitive, g.mesh.positions.len(), notes)?;
     let optional = |semantic| attributes.get(&semantic).copied();
     let (normal, tangent) = (optional(Semantic::Normal), optional(Semantic::Tangent));
-    g.normals = normal.map(|i| reader.floats::<3>(i)).transpose()?;
+    g.mesh.normals = normal.map(|i| reader.floats::<3>(i)).transpose()?;
     // The specification ignores tangents without normals.
-    let tangent = tangent.filter(|_| material.tangent_set().is_some() && g.normals.is_some());
-    g.tangents = tangent.map(|i| reader.floats::<4>(i)).transpose()?;
+    let tangent = tangent.filter(|_| material.tangent_set().is_some() && g.mesh.normals.is_some());
+    g.mesh.tangents = tangent.map(|i| reader.floats::<4>(i)).transpose()?;
     if let Some(index) = optional(Semantic::Color(0)) {
         let colors = read_colors(reader, index, notes)?;
         let is_morphed = primitive.targets.iter().any(|target| target.contains_key(&Semantic::Color(0)));
-        g.colors = Some(colors).filter(|c| is_morphed || c.iter().any(|c| *c != [1.0; 4]));
+        g.mesh.colors = Some(colors).filter(|c| is_morphed || c.iter().any(|c| *c != [1.0; 4]));
     }
     let mut sets: Vec<u8> = material.textures.iter().map(|texture| texture.set).chain([0, 1]).collect();
     sets.sort_unstable();
@@ -95,18 +94,18 @@ pub fn read(
                 None => {
                     let text = format!("no TEXCOORD_{set}, which the material's textures need: zeros are used");
                     notes.approximated(&primitive.at, text);
-                    vec![[0.0; 2]; g.positions.len()]
+                    vec![[0.0; 2]; g.mesh.positions.len()]
                 }
             })
         } else {
-            let for_tangents = g.tangents.is_none() && material.tangent_set() == Some(set);
+            let for_tangents = g.mesh.tangents.is_none() && material.tangent_set() == Some(set);
             // The AOV `uv` shows TEXCOORD_0 of all surfaces with textures.
             let for_aov = set == 0 && material.textures.iter().next().is_some();
             index.filter(|_| for_tangents || for_aov).map(|i| reader.floats::<2>(i)).transpose()?
         };
-        match g.texcoords.get_mut(usize::from(set)) {
+        match g.mesh.texcoords.get_mut(usize::from(set)) {
             Some(slot) => *slot = texcoords,
-            None => g.more_texcoords.extend(texcoords.map(|texcoords| (set, texcoords))),
+            None => g.mesh.more_texcoords.extend(texcoords.map(|texcoords| (set, texcoords))),
         }
     }
     if attributes.contains_key(&Semantic::Color(1)) {
@@ -116,12 +115,12 @@ pub fn read(
         poses.iter().map(|p| geometry_at(reader, primitive, p, &g)).collect()
     };
     let (steps, adjacent_frames) = (steps(shutter)?, steps(adjacent_frames)?);
-    g.source = (!steps.is_empty() || !adjacent_frames.is_empty()).then(|| (0..g.positions.len() as u32).collect());
+    g.source = (!steps.is_empty() || !adjacent_frames.is_empty()).then(|| (0..g.mesh.positions.len() as u32).collect());
     apply_pose(reader, primitive, pose, &mut g)?;
     g.mend_numbers(&primitive.at, notes);
     g.drop_not_finite(steps.iter().chain(&adjacent_frames), &primitive.at, notes);
     g.drop_degenerate(&primitive.at, notes);
-    if g.indices.is_empty() {
+    if g.mesh.indices.is_empty() {
         notes.not_loaded(&primitive.at, "a primitive without a triangle of any area");
         return Ok(None);
     }
@@ -135,19 +134,19 @@ pub fn read(
         tangents::make(&mut g, set);
     }
     if let Some(source) = g.source.take() {
-        let pick = |values: &Vec<[f32; 3]>| source.iter().map(|&i| values[i as usize]).collect::<Vec<_>>();
+        let pick = |values: &[[f32; 3]]| source.iter().map(|&i| values[i as usize]).collect::<Vec<_>>();
         let unit = |n: [f32; 3]| (sign * Vec3::from(n).normalize_or_zero()).to_array();
-        let positions = |step: &Geometry| Positions::new(pick(&step.positions));
+        let positions = |step: &Geometry| Positions::new(pick(&step.mesh.positions));
         if !steps.is_empty() {
             let mut motion = Deformation::default();
             // One after the other, so that not all are in memory twice.
             for step in steps {
                 motion.positions.push(positions(&step));
-                motion.normals.extend(step.normals.map(|normals| pick(&normals).into_iter().map(unit).collect()));
+                motion.normals.extend(step.mesh.normals.map(|normals| pick(&normals).into_iter().map(unit).collect()));
             }
-            g.motion = Some(motion);
+            g.mesh.motion = Some(motion);
         }
-        g.adjacent_frames = adjacent_frames.iter().map(positions).collect::<Vec<_>>().try_into().ok();
+        g.mesh.adjacent_frames = adjacent_frames.iter().map(positions).collect::<Vec<_>>().try_into().ok();
     }
     Ok(Some(g))
 }

@@ -254,7 +254,7 @@ impl<'a> Reader<'a> {
         let at = || format!("{}.sparse.indices", accessor.at);
         self.budget.take(&accessor.at, sparse.count, size_of::<usize>() as u64)?;
         let bytes = self.view_bytes(sparse.index_view, sparse.index_offset)?;
-        let size = sparse.index_component.size() as usize;
+        let size = sparse.index_component.size();
         let mut out: Vec<usize> = Vec::with_capacity(sparse.count as usize);
         for (i, chunk) in bytes.chunks_exact(size).take(sparse.count as usize).enumerate() {
             let target = chunk.iter().rev().fold(0_usize, |sum, &byte| sum << 8 | usize::from(byte));

@@ -4,10 +4,11 @@ use bevy_mikktspace::{Geometry as MikkGeometry, TangentSpace, generate_tangents}
 use glam::{DVec3, Vec3};
 
 use super::geometry::{Geometry, cross};
+use crate::scene::Mesh;
 use crate::scene::import::report::Notes;
 
 struct Mikk<'a> {
-    geometry: &'a Geometry,
+    mesh: &'a Mesh,
     texcoords: &'a [[f32; 2]],
     normals: &'a [[f32; 3]],
     /// One per corner.
@@ -16,13 +17,13 @@ struct Mikk<'a> {
 
 impl Mikk<'_> {
     fn vertex(&self, face: usize, vert: usize) -> usize {
-        self.geometry.indices[face][vert] as usize
+        self.mesh.indices[face][vert] as usize
     }
 }
 
 impl MikkGeometry for Mikk<'_> {
     fn num_faces(&self) -> usize {
-        self.geometry.indices.len()
+        self.mesh.indices.len()
     }
 
     fn num_vertices_of_face(&self, _face: usize) -> usize {
@@ -30,7 +31,7 @@ impl MikkGeometry for Mikk<'_> {
     }
 
     fn position(&self, face: usize, vert: usize) -> [f32; 3] {
-        self.geometry.positions[self.vertex(face, vert)]
+        self.mesh.positions[self.vertex(face, vert)]
     }
 
     fn normal(&self, face: usize, vert: usize) -> [f32; 3] {
@@ -51,16 +52,16 @@ impl MikkGeometry for Mikk<'_> {
 /// Prepares a mesh for [`make`], which is slow and adds no notes: adds flat normals if there are none. Returns whether the
 /// mesh can have tangents for texture coordinate set `set`.
 pub fn prepare(g: &mut Geometry, set: u8, at: &str, notes: &mut Notes) -> bool {
-    if g.normals.is_none() {
+    if g.mesh.normals.is_none() {
         g.unweld();
         let flat = |t: [u32; 3]| [cross(g, t).try_normalize().unwrap_or(DVec3::Y).as_vec3().to_array(); 3];
-        g.normals = Some(g.indices.iter().flat_map(|&t| flat(t)).collect());
+        g.mesh.normals = Some(g.mesh.indices.iter().flat_map(|&t| flat(t)).collect());
     }
-    if g.tangents.is_none() && g.texcoord_set(set).is_none() {
+    if g.mesh.tangents.is_none() && g.mesh.texcoord_set(set).is_none() {
         notes.approximated(at, "neither TANGENT nor texture coordinates: highlights are isotropic");
         return false;
     }
-    if g.tangents.is_none() {
+    if g.mesh.tangents.is_none() {
         notes.convention(at, "tangents are not in the file: made by MikkTSpace");
     }
     true
@@ -68,10 +69,10 @@ pub fn prepare(g: &mut Geometry, set: u8, at: &str, notes: &mut Notes) -> bool {
 
 /// Adds unit tangents for texture coordinate set `set`.
 pub fn make(g: &mut Geometry, set: u8) {
-    if g.tangents.is_none() {
+    if g.mesh.tangents.is_none() {
         generate(g, set);
     }
-    let (Some(tangents), Some(normals)) = (&mut g.tangents, &g.normals) else { return };
+    let (Some(tangents), Some(normals)) = (&mut g.mesh.tangents, &g.mesh.normals) else { return };
     for (t, n) in tangents.iter_mut().zip(normals) {
         let unit = Vec3::new(t[0], t[1], t[2]).as_dvec3().try_normalize().map(|d| d.as_vec3());
         let unit = unit.unwrap_or_else(|| Vec3::from(*n).any_orthonormal_vector());
@@ -80,15 +81,15 @@ pub fn make(g: &mut Geometry, set: u8) {
 }
 
 fn generate(g: &mut Geometry, set: u8) {
-    let (Some(normals), Some(texcoords)) = (&g.normals, g.texcoord_set(set)) else { return };
-    let mut mikk = Mikk { geometry: g, texcoords, normals, tangents: vec![[0.0; 4]; 3 * g.indices.len()] };
+    let (Some(normals), Some(texcoords)) = (&g.mesh.normals, g.mesh.texcoord_set(set)) else { return };
+    let mut mikk = Mikk { mesh: &g.mesh, texcoords, normals, tangents: vec![[0.0; 4]; 3 * g.mesh.indices.len()] };
     if generate_tangents(&mut mikk).is_err() {
         return;
     }
     let tangents = mikk.tangents;
     // MikkTSpace gives one tangent per corner; a vertex whose corners differ is split.
-    let origin: Vec<u32> = g.indices.iter().flatten().copied().collect();
+    let origin: Vec<u32> = g.mesh.indices.iter().flatten().copied().collect();
     g.unweld();
-    g.tangents = Some(tangents);
+    g.mesh.tangents = Some(tangents);
     g.weld(&origin);
 }

@@ -67,16 +67,12 @@ fn decode(
         let Ok(size) = basis::probe(&bytes) else { return Ok(Err("a damaged KTX2 picture".into())) };
         return Ok(basis::decode(&bytes).map(|texels| made(size, eight_bits(texels))));
     };
-    if format == ImageFormat::Jpeg
-        && halvings > 0
-        && let Some((size, texels)) = scaled_jpeg(&bytes, size.map(|n| n.div_ceil(1 << halvings)))
-    {
-        return Ok(Ok(made(size, texels)));
-    }
-    if format == ImageFormat::Png
-        && halvings > 0
-        && let Some((size, texels)) = scaled_png(&bytes, halvings)
-    {
+    let scaled = match format {
+        ImageFormat::Jpeg if halvings > 0 => scaled_jpeg(&bytes, size.map(|n| n.div_ceil(1 << halvings))),
+        ImageFormat::Png if halvings > 0 => scaled_png(&bytes, halvings),
+        _ => None,
+    };
+    if let Some((size, texels)) = scaled {
         return Ok(Ok(made(size, texels)));
     }
     let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
@@ -168,20 +164,8 @@ pub enum Format {
     Basis,
 }
 
-/// Result of reading a picture's header.
-#[derive(Debug)]
-pub enum Probe {
-    /// Can be decoded: width, height in texels, and bytes per decoded texel.
-    Readable(Format, u32, u32, u64),
-    /// Cannot be decoded, with the reason.
-    Unreadable(String),
-}
-
-impl Probe {
-    fn unreadable(why: impl Into<String>) -> Self {
-        Self::Unreadable(why.into())
-    }
-}
+/// A picture's header: its decoder, width and height in texels, and bytes per decoded texel; or why it cannot be decoded.
+type Probe = std::result::Result<(Format, [u32; 2], u64), String>;
 
 fn damaged(error: &ImageError) -> String {
     // Some decoders end their text with a line feed.
@@ -195,8 +179,8 @@ fn damaged(error: &ImageError) -> String {
 /// Bytes that are not in the buffer, sizes beyond the decoders' limits.
 fn probe(image: &Image, document: &Document) -> Result<Probe> {
     match &image.data {
-        ImageData::Nothing => return Ok(Probe::unreadable("an image without data")),
-        ImageData::Unreadable(error) => return Ok(Probe::unreadable(error.to_string())),
+        ImageData::Nothing => return Ok(Err("an image without data".into())),
+        ImageData::Unreadable(error) => return Ok(Err(error.to_string())),
         ImageData::Bytes(_) | ImageData::View(_) => {}
     }
     let (bytes, at) = (stored(image, document)?, &image.at);
@@ -205,37 +189,32 @@ fn probe(image: &Image, document: &Document) -> Result<Probe> {
         [0xFF, 0xD8, 0xFF, ..] => ImageFormat::Jpeg,
         [b'R', b'I', b'F', b'F', _, _, _, _, b'W', b'E', b'B', b'P', ..] => ImageFormat::WebP,
         [0xAB, b'K', b'T', b'X', b' ', b'2', b'0', ..] => {
-            return Ok(match basis::probe(&bytes) {
-                Ok((width, height)) => Probe::Readable(Format::Basis, width, height, 4),
-                Err(why) => Probe::Unreadable(why),
-            });
+            return Ok(basis::probe(&bytes).map(|(width, height)| (Format::Basis, [width, height], 4)));
         }
-        [0xAB, b'K', b'T', b'X', ..] => return Ok(Probe::unreadable("KTX 1 pictures are not read: use PNG or JPEG")),
-        [b'D', b'D', b'S', b' ', ..] => return Ok(Probe::unreadable("DDS pictures are not read: use PNG or JPEG")),
-        _ => return Ok(Probe::unreadable("the picture is none of PNG, JPEG, WebP and KTX2")),
+        [0xAB, b'K', b'T', b'X', ..] => return Ok(Err("KTX 1 pictures are not read: use PNG or JPEG".into())),
+        [b'D', b'D', b'S', b' ', ..] => return Ok(Err("DDS pictures are not read: use PNG or JPEG".into())),
+        _ => return Ok(Err("the picture is none of PNG, JPEG, WebP and KTX2".into())),
     };
-    let decoder = ImageReader::with_format(Cursor::new(bytes), format).into_decoder();
-    let decoder = match decoder {
+    let decoder = match ImageReader::with_format(Cursor::new(bytes), format).into_decoder() {
         Ok(decoder) => decoder,
         Err(e @ ImageError::Limits(_)) => return Err(Error::Data(format!("{at}: {}", damaged(&e)))),
-        Err(e) => return Ok(Probe::Unreadable(damaged(&e))),
+        Err(e) => return Ok(Err(damaged(&e))),
     };
     let (width, height) = decoder.dimensions();
     if width == 0 || height == 0 {
-        return Ok(Probe::unreadable(format!("a picture of {width}x{height} texels")));
+        return Ok(Err(format!("a picture of {width}x{height} texels")));
     }
     let bytes = match decoder.color_type() {
         ColorType::L16 | ColorType::La16 | ColorType::Rgb16 | ColorType::Rgba16 => 8,
         _ => 4,
     };
-    Ok(Probe::Readable(Format::Image(format), width, height, bytes))
+    Ok(Ok((Format::Image(format), [width, height], bytes)))
 }
 
 fn texels(picture: DynamicImage) -> Texels {
     match picture.color() {
         ColorType::L16 | ColorType::La16 | ColorType::Rgb16 | ColorType::Rgba16 => {
-            let raw = picture.into_rgba16().into_raw();
-            Texels::Rgba16(grouped(raw))
+            Texels::Rgba16(grouped(picture.into_rgba16().into_raw()))
         }
         ColorType::La8 | ColorType::Rgba8 => eight_bits(picture.into_rgba8().into_raw()),
         _ => Texels::Rgb8(grouped(picture.into_rgb8().into_raw())),
@@ -268,7 +247,7 @@ pub struct TextureTable {
     /// Index of the document's image for each of the scene's images.
     images: Vec<usize>,
     by_image: HashMap<usize, u32>,
-    by_use: HashMap<(usize, Wrap, Wrap, Filter), u32>,
+    by_use: HashMap<(usize, Sampler), u32>,
 }
 
 impl TextureTable {
@@ -306,8 +285,8 @@ impl TextureTable {
         let mut why_not = None;
         for &source in &texture.sources {
             match self.probe(document, source)? {
-                Probe::Readable(..) => return Ok(Some(source)),
-                Probe::Unreadable(why) => why_not = Some((source, why.clone())),
+                Ok(_) => return Ok(Some(source)),
+                Err(why) => why_not = Some((source, why.clone())),
             }
         }
         match (why_not, texture.alternatives.first()) {
@@ -345,8 +324,7 @@ impl TextureTable {
             Some(index) => *document.samplers.get(index)?,
             None => default,
         };
-        let key = (source, sampler.wrap_s, sampler.wrap_t, sampler.filter);
-        let index = *self.by_use.entry(key).or_insert_with(|| {
+        let index = *self.by_use.entry((source, sampler)).or_insert_with(|| {
             let image = *self.by_image.entry(source).or_insert_with(|| {
                 self.images.push(source);
                 (self.images.len() - 1) as u32
@@ -376,7 +354,7 @@ impl TextureTable {
         const FACTOR: u64 = 256;
         let mut budget = Budget::new(BASE, FACTOR, file_bytes);
         let size = |image: &usize| match self.probes.get(image) {
-            Some(&Probe::Readable(_, width, height, _)) => [width, height],
+            Some(&Ok((_, size, _))) => size,
             _ => [0; 2],
         };
         let sizes: Vec<_> = self.images.iter().map(size).collect();
@@ -385,7 +363,7 @@ impl TextureTable {
         for (i, &index) in self.images.iter().enumerate() {
             let halvings = halvings.as_ref().map(|halvings| halvings[i]);
             let image = document.images.get(index)?;
-            let Some(&Probe::Readable(format, width, height, bytes)) = self.probes.get(&index) else { continue };
+            let Some(&Ok((format, [width, height], bytes))) = self.probes.get(&index) else { continue };
             let count = u64::from(width) * u64::from(height);
             if width.max(height) > MAX_TEXELS_PER_SIDE || count > MAX_TEXELS {
                 return Err(Error::Data(format!(

@@ -1,6 +1,6 @@
 //! Time samples while the shutter is open: world transforms, lights and morph weights of all nodes.
 
-use glam::{DAffine3, DMat4};
+use glam::DAffine3;
 use serde_json::Value;
 
 use super::{lights, pose};
@@ -90,11 +90,6 @@ impl TimeSample {
             keys.push(placed.map(|light| light.key()));
         }
         Ok(Self { worlds, weights, lights: keys })
-    }
-
-    /// [`Self::worlds`] as matrices.
-    pub fn matrices(&self) -> Vec<DMat4> {
-        self.worlds.iter().map(|&world| world.into()).collect()
     }
 
     /// Values of a node that may change, in groups of one scale: matrix, translation, weights, light intensity.

@@ -1,10 +1,6 @@
 //! Transforms that flatten space, and what they leave of it.
 
-use glam::{Affine3A, DAffine3, DMat3, DVec3};
-
-pub fn to_f32(world: &DAffine3) -> Affine3A {
-    world.as_affine3a()
-}
+use glam::{DAffine3, DMat3, DVec3};
 
 /// Does the transform leave a surface, if only a flat one?
 pub fn is_visible(world: &DAffine3) -> bool {
@@ -15,7 +11,7 @@ pub fn is_visible(world: &DAffine3) -> bool {
 pub fn is_flat(world: &DAffine3) -> bool {
     const ROUNDING: f64 = 1e-12;
     let (longest, area) = sizes(&world.matrix3);
-    is_thin(&world.matrix3) && to_f32(world).is_finite() && area > ROUNDING * longest * longest
+    is_thin(&world.matrix3) && world.as_affine3a().is_finite() && area > ROUNDING * longest * longest
 }
 
 /// Is the thickness that the transform leaves none, or so small that squares of its inverse are beyond 32 bits?
@@ -73,7 +69,7 @@ pub fn axis(world: &DAffine3, axis: usize) -> Option<DVec3> {
     world.matrix3.col(axis).try_normalize().or_else(|| normal_of_others(&world.matrix3, axis).try_normalize())
 }
 
-pub fn is_invertible(world: &DAffine3) -> bool {
-    let single = to_f32(world);
+fn is_invertible(world: &DAffine3) -> bool {
+    let single = world.as_affine3a();
     !is_thin(&world.matrix3) && single.is_finite() && single.inverse().is_finite()
 }

@@ -34,6 +34,15 @@ pub fn note_document(document: &Document, variant: bool, posed: bool, notes: &mu
     }
 }
 
+/// Notes the extensions of a shown element that are ignored.
+pub fn note_extensions(at: &str, extensions: &[String], notes: &mut Notes) {
+    for name in extensions {
+        if let Support::Ignored(why) = support(name) {
+            notes.ignored(&format!("{at}.extensions.{name}"), format!("{name}: {why}"));
+        }
+    }
+}
+
 /// Notes meshes that no shown node refers to.
 pub fn note_unplaced(document: &Document, placed: &HashSet<usize>, notes: &mut Notes) {
     for (_, mesh) in document.meshes.sound().filter(|(index, _)| !placed.contains(index)) {

@@ -1,5 +1,7 @@
 //! Buffer views and accessors, with checks that all elements lie inside their buffers.
 
+pub use gltf::json::accessor::{ComponentType as Component, Type as Shape};
+
 use super::buffers::Buffer;
 use super::json::Json;
 use super::meshopt::Meshopt;
@@ -21,7 +23,7 @@ pub struct View {
 
 impl View {
     pub fn parse(json: &Json, buffers: &Table<Buffer>) -> Result<Self> {
-        let buffer = json.need("buffer", json.index("buffer", buffers.len(), "buffers")?)?;
+        let buffer = json.need("buffer", json.index("buffer", "buffers")?)?;
         let offset = json.integer("byteOffset")?.unwrap_or(0);
         let length = json.need("byteLength", json.integer("byteLength")?)?;
         if length == 0 {
@@ -33,108 +35,53 @@ impl View {
         }
         let compressed = match buffers.get(buffer) {
             Ok(buffer) if buffer.has_data() => None,
-            _ => Meshopt::parse(json, buffers)?,
+            _ => Meshopt::parse(json)?,
         };
-        if compressed.is_some() {
-            return Ok(Self { buffer, offset, length, stride, compressed, at: json.at.clone() });
-        }
-        let whole = buffers.get(buffer)?.length;
-        if offset.checked_add(length).is_none_or(|end| end > whole) {
-            let wanted = format!("a range within the {whole} bytes of buffers[{buffer}]");
-            return Err(bad(&json.at, wanted, format!("{length} bytes from byte {offset}")));
+        if compressed.is_none() {
+            let whole = buffers.get(buffer)?.length;
+            if offset.checked_add(length).is_none_or(|end| end > whole) {
+                let wanted = format!("a range within the {whole} bytes of buffers[{buffer}]");
+                return Err(bad(&json.at, wanted, format!("{length} bytes from byte {offset}")));
+            }
         }
         Ok(Self { buffer, offset, length, stride, compressed, at: json.at.clone() })
     }
 }
 
-/// Number format of a component.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Component {
-    I8,
-    U8,
-    I16,
-    U16,
-    U32,
-    F32,
+fn parse_component(json: &Json) -> Result<Component> {
+    Ok(match json.need("componentType", json.integer("componentType")?)? {
+        5120 => Component::I8,
+        5121 => Component::U8,
+        5122 => Component::I16,
+        5123 => Component::U16,
+        5125 => Component::U32,
+        5126 => Component::F32,
+        other => return Err(json.bad("componentType", "5120, 5121, 5122, 5123, 5125 or 5126", other)),
+    })
 }
 
-impl Component {
-    fn parse(json: &Json) -> Result<Self> {
-        Ok(match json.need("componentType", json.integer("componentType")?)? {
-            5120 => Self::I8,
-            5121 => Self::U8,
-            5122 => Self::I16,
-            5123 => Self::U16,
-            5125 => Self::U32,
-            5126 => Self::F32,
-            other => return Err(json.bad("componentType", "5120, 5121, 5122, 5123, 5125 or 5126", other)),
-        })
-    }
-
-    pub fn size(self) -> u64 {
-        match self {
-            Self::I8 | Self::U8 => 1,
-            Self::I16 | Self::U16 => 2,
-            Self::U32 | Self::F32 => 4,
-        }
-    }
-
-    fn name(self) -> &'static str {
-        match self {
-            Self::I8 => "BYTE",
-            Self::U8 => "UNSIGNED_BYTE",
-            Self::I16 => "SHORT",
-            Self::U16 => "UNSIGNED_SHORT",
-            Self::U32 => "UNSIGNED_INT",
-            Self::F32 => "FLOAT",
-        }
+fn component_name(component: Component) -> &'static str {
+    match component {
+        Component::I8 => "BYTE",
+        Component::U8 => "UNSIGNED_BYTE",
+        Component::I16 => "SHORT",
+        Component::U16 => "UNSIGNED_SHORT",
+        Component::U32 => "UNSIGNED_INT",
+        Component::F32 => "FLOAT",
     }
 }
 
-/// Shape of an element.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Shape {
-    Scalar,
-    Vec2,
-    Vec3,
-    Vec4,
-    Mat2,
-    Mat3,
-    Mat4,
-}
-
-impl Shape {
-    fn parse(json: &Json) -> Result<Self> {
-        Ok(match json.need("type", json.string("type")?)? {
-            "SCALAR" => Self::Scalar,
-            "VEC2" => Self::Vec2,
-            "VEC3" => Self::Vec3,
-            "VEC4" => Self::Vec4,
-            "MAT2" => Self::Mat2,
-            "MAT3" => Self::Mat3,
-            "MAT4" => Self::Mat4,
-            other => return Err(json.bad("type", "SCALAR, VEC2, VEC3, VEC4, MAT2, MAT3 or MAT4", other)),
-        })
-    }
-
-    /// Number of rows and columns. Columns of matrices start at multiples of 4 bytes.
-    fn dimensions(self) -> (u64, u64) {
-        match self {
-            Self::Scalar => (1, 1),
-            Self::Vec2 => (2, 1),
-            Self::Vec3 => (3, 1),
-            Self::Vec4 => (4, 1),
-            Self::Mat2 => (2, 2),
-            Self::Mat3 => (3, 3),
-            Self::Mat4 => (4, 4),
-        }
-    }
-
-    fn bytes(self, component: Component) -> u64 {
-        let (rows, columns) = self.dimensions();
-        let column = rows * component.size();
-        if columns == 1 { column } else { (columns - 1) * column.next_multiple_of(4) + column }
-    }
+fn parse_shape(json: &Json) -> Result<Shape> {
+    Ok(match json.need("type", json.string("type")?)? {
+        "SCALAR" => Shape::Scalar,
+        "VEC2" => Shape::Vec2,
+        "VEC3" => Shape::Vec3,
+        "VEC4" => Shape::Vec4,
+        "MAT2" => Shape::Mat2,
+        "MAT3" => Shape::Mat3,
+        "MAT4" => Shape::Mat4,
+        other => return Err(json.bad("type", "SCALAR, VEC2, VEC3, VEC4, MAT2, MAT3 or MAT4", other)),
+    })
 }
 
 /// Sparse storage: elements that replace those of the view.
@@ -163,8 +110,8 @@ pub struct Accessor {
 
 impl Accessor {
     pub fn parse(json: &Json, views: &Table<View>) -> Result<Self> {
-        let component = Component::parse(json)?;
-        let shape = Shape::parse(json)?;
+        let component = parse_component(json)?;
+        let shape = parse_shape(json)?;
         let count = json.need("count", json.integer("count")?)?;
         if count == 0 {
             return Err(json.bad("count", "at least 1", 0));
@@ -173,30 +120,32 @@ impl Accessor {
         if normalized && matches!(component, Component::U32 | Component::F32) {
             return Err(json.bad("normalized", "false for FLOAT and UNSIGNED_INT", true));
         }
-        let view = json.index("bufferView", views.len(), "bufferViews")?;
+        let view = json.index("bufferView", "bufferViews")?;
         let offset = json.integer("byteOffset")?.unwrap_or(0);
         let accessor = Self { view, offset, component, shape, normalized, count, sparse: None, at: json.at.clone() };
         if let Some(view) = view {
             let view = views.get(view)?;
-            let matrix = matches!(shape, Shape::Mat2 | Shape::Mat3 | Shape::Mat4);
-            let alignment = if matrix { 4 } else { component.size() };
-            check_range(
-                json,
-                "byteOffset",
-                view,
-                offset,
-                count,
-                accessor.stride(view),
-                accessor.element_bytes(),
-                alignment,
-            )?;
+            let alignment = if accessor.columns() > 1 { 4 } else { component.size() as u64 };
+            check_range(json, view, offset, count, accessor.stride(view), accessor.element_bytes(), alignment)?;
         }
         let sparse = json.get("sparse")?.map(|sparse| parse_sparse(&sparse, &accessor, views)).transpose()?;
         Ok(Self { sparse, ..accessor })
     }
 
+    /// Number of columns of an element; above 1 for matrices.
+    fn columns(&self) -> usize {
+        match self.shape {
+            Shape::Mat2 => 2,
+            Shape::Mat3 => 3,
+            Shape::Mat4 => 4,
+            _ => 1,
+        }
+    }
+
+    /// Columns of matrices start at multiples of 4 bytes.
     pub fn element_bytes(&self) -> u64 {
-        self.shape.bytes(self.component)
+        let column = self.shape.multiplicity() / self.columns() * self.component.size();
+        ((self.columns() - 1) * column.next_multiple_of(4) + column) as u64
     }
 
     pub fn stride(&self, view: &View) -> u64 {
@@ -206,15 +155,13 @@ impl Accessor {
     /// `VEC3 of FLOAT`, for messages.
     pub fn format(&self) -> String {
         let normalized = if self.normalized { "normalized " } else { "" };
-        format!("{} of {normalized}{}", format!("{:?}", self.shape).to_uppercase(), self.component.name())
+        format!("{} of {normalized}{}", format!("{:?}", self.shape).to_uppercase(), component_name(self.component))
     }
 }
 
 /// Checks that `count` elements of `size` bytes, `stride` bytes apart from `offset`, are aligned and lie inside the view.
-#[allow(clippy::too_many_arguments)]
 fn check_range(
     json: &Json,
-    key: &str,
     view: &View,
     offset: u64,
     count: u64,
@@ -222,24 +169,19 @@ fn check_range(
     size: u64,
     alignment: u64,
 ) -> Result<()> {
+    let bad = |wanted: String, found: String| Err(json.bad("byteOffset", wanted, found));
     if stride < size {
-        return Err(json.bad(key, format!("a stride of at least {size} bytes in {}", view.at), stride));
+        return bad(format!("a stride of at least {size} bytes in {}", view.at), stride.to_string());
     }
     let start = offset.checked_add(view.offset);
     if !offset.is_multiple_of(alignment) || !start.is_some_and(|s| s.is_multiple_of(alignment)) {
-        return Err(json.bad(
-            key,
-            format!("a position in the buffer that is a multiple of {alignment}"),
-            format!("{offset} in {}, which starts at byte {}", view.at, view.offset),
-        ));
+        let found = format!("{offset} in {}, which starts at byte {}", view.at, view.offset);
+        return bad(format!("a position in the buffer that is a multiple of {alignment}"), found);
     }
     let end = (count - 1).checked_mul(stride).and_then(|n| n.checked_add(size)).and_then(|n| n.checked_add(offset));
     if end.is_none_or(|end| end > view.length) {
-        return Err(json.bad(
-            key,
-            format!("{count} elements of {size} bytes within the {} bytes of {}", view.length, view.at),
-            format!("elements up to byte {}", end.map_or("2^64".into(), |end| end.to_string())),
-        ));
+        let found = format!("elements up to byte {}", end.map_or("2^64".into(), |end| end.to_string()));
+        return bad(format!("{count} elements of {size} bytes within the {} bytes of {}", view.length, view.at), found);
     }
     Ok(())
 }
@@ -251,7 +193,7 @@ fn parse_sparse(json: &Json, accessor: &Accessor, views: &Table<View>) -> Result
     }
     let part = |key: &str| -> Result<(Json, usize, u64)> {
         let part = json.need(key, json.get(key)?)?;
-        let view = part.need("bufferView", part.index("bufferView", views.len(), "bufferViews")?)?;
+        let view = part.need("bufferView", part.index("bufferView", "bufferViews")?)?;
         if views.get(view)?.stride.is_some() {
             return Err(part.bad("bufferView", "a view without byteStride", &views.get(view)?.at));
         }
@@ -259,23 +201,14 @@ fn parse_sparse(json: &Json, accessor: &Accessor, views: &Table<View>) -> Result
         Ok((part, view, offset))
     };
     let (indices, index_view, index_offset) = part("indices")?;
-    let index_component = Component::parse(&indices)?;
+    let index_component = parse_component(&indices)?;
     if !matches!(index_component, Component::U8 | Component::U16 | Component::U32) {
-        return Err(indices.bad("componentType", "5121, 5123 or 5125", index_component.name()));
+        return Err(indices.bad("componentType", "5121, 5123 or 5125", component_name(index_component)));
     }
-    let size = index_component.size();
-    check_range(&indices, "byteOffset", views.get(index_view)?, index_offset, count, size, size, size)?;
+    let size = index_component.size() as u64;
+    check_range(&indices, views.get(index_view)?, index_offset, count, size, size, size)?;
     let (values, value_view, value_offset) = part("values")?;
     let size = accessor.element_bytes();
-    check_range(
-        &values,
-        "byteOffset",
-        views.get(value_view)?,
-        value_offset,
-        count,
-        size,
-        size,
-        accessor.component.size(),
-    )?;
+    check_range(&values, views.get(value_view)?, value_offset, count, size, size, accessor.component.size() as u64)?;
     Ok(Sparse { count, index_view, index_offset, index_component, value_view, value_offset })
 }

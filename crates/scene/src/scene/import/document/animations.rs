@@ -1,26 +1,9 @@
 //! Animations: channels that drive properties, each identified by a JSON pointer, and the accessors of their keys.
 
+pub use gltf::json::animation::Interpolation;
+
 use super::json::Json;
-use super::lengths::Lengths;
 use crate::error::Result;
-
-/// Interpolation between keys.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Interpolation {
-    /// The value of the previous key.
-    Step,
-    /// Linear interpolation; slerp for rotations.
-    Linear,
-    /// Cubic Hermite splines, with tangents stored at the keys.
-    CubicSpline,
-}
-
-impl Interpolation {
-    /// Values that are stored for a key.
-    pub fn values_per_key(self) -> usize {
-        if self == Self::CubicSpline { 3 } else { 1 }
-    }
-}
 
 /// An animated property.
 #[derive(Debug)]
@@ -45,11 +28,11 @@ pub struct Animation {
 
 impl Animation {
     /// Parses an animation. Channels without a known target are ignored, as the specification requires.
-    pub fn parse(json: &Json, lengths: &Lengths) -> Result<Self> {
+    pub fn parse(json: &Json) -> Result<Self> {
         let samplers = json.items("samplers")?;
         let mut read = Vec::with_capacity(samplers.len());
         for sampler in &samplers {
-            let accessor = |key| sampler.need(key, sampler.index(key, lengths.accessors, "accessors")?);
+            let accessor = |key| sampler.need(key, sampler.index(key, "accessors")?);
             let interpolation = match sampler.string("interpolation")?.unwrap_or("LINEAR") {
                 "STEP" => Interpolation::Step,
                 "LINEAR" => Interpolation::Linear,
@@ -60,10 +43,10 @@ impl Animation {
         }
         let mut channels = Vec::new();
         for channel in json.items("channels")? {
-            let sampler = channel.index("sampler", samplers.len(), "this animation's samplers")?;
+            let sampler = channel.index_below("sampler", samplers.len(), "this animation's samplers")?;
             let (input, output, interpolation) = read[channel.need("sampler", sampler)?];
             let target = channel.need("target", channel.get("target")?)?;
-            let node = target.index("node", lengths.nodes, "nodes")?;
+            let node = target.index("node", "nodes")?;
             let pointer = match (target.need("path", target.string("path")?)?, node) {
                 (path @ ("translation" | "rotation" | "scale" | "weights"), Some(node)) => {
                     format!("/nodes/{node}/{path}")

@@ -22,23 +22,20 @@ pub enum Semantic {
 
 impl Semantic {
     pub fn parse(name: &str) -> Option<Self> {
-        let (stem, set) = match name.split_once('_') {
-            Some((stem, set)) => (stem, Some(set)),
-            None => (name, None),
+        let Some((stem, digits)) = name.split_once('_') else {
+            return match name {
+                "POSITION" => Some(Self::Position),
+                "NORMAL" => Some(Self::Normal),
+                "TANGENT" => Some(Self::Tangent),
+                _ => None,
+            };
         };
-        let set = match set {
-            None => None,
-            Some(digits) if digits.bytes().all(|b| b.is_ascii_digit()) => Some(digits.parse().ok()?),
-            Some(_) => return None,
-        };
-        match (stem, set) {
-            ("POSITION", None) => Some(Self::Position),
-            ("NORMAL", None) => Some(Self::Normal),
-            ("TANGENT", None) => Some(Self::Tangent),
-            ("TEXCOORD", Some(set)) => Some(Self::TexCoord(set)),
-            ("COLOR", Some(set)) => Some(Self::Color(set)),
-            ("JOINTS", Some(set)) => Some(Self::Joints(set)),
-            ("WEIGHTS", Some(set)) => Some(Self::Weights(set)),
+        let set = digits.parse().ok().filter(|_| digits.bytes().all(|b| b.is_ascii_digit()))?;
+        match stem {
+            "TEXCOORD" => Some(Self::TexCoord(set)),
+            "COLOR" => Some(Self::Color(set)),
+            "JOINTS" => Some(Self::Joints(set)),
+            "WEIGHTS" => Some(Self::Weights(set)),
             _ => None,
         }
     }
@@ -93,7 +90,7 @@ pub fn parse_attributes(
 ) -> Result<Attributes> {
     let mut attributes = Attributes::new();
     for name in json.object()?.keys() {
-        let index = json.need(name, json.index(name, accessors.len(), "accessors")?)?;
+        let index = json.need(name, json.index(name, "accessors")?)?;
         all_accessors.push(index);
         if name.starts_with('_') {
             continue; // Application-specific.

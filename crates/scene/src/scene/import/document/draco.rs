@@ -16,13 +16,13 @@ pub struct Draco {
 
 impl Draco {
     /// Parses the extension of a primitive; `None` if it has none.
-    pub fn parse(primitive: &Json, attributes: &Attributes, views: usize) -> Result<Option<Self>> {
+    pub fn parse(primitive: &Json, attributes: &Attributes) -> Result<Option<Self>> {
         let Some(json) = primitive.extension("KHR_draco_mesh_compression")? else { return Ok(None) };
-        let view = json.need("bufferView", json.index("bufferView", views, "bufferViews")?)?;
+        let view = json.need("bufferView", json.index("bufferView", "bufferViews")?)?;
         let members = json.need("attributes", json.get("attributes")?)?;
         let mut ids = BTreeMap::new();
         for name in members.object()?.keys() {
-            let id = members.need(name, members.index(name, u32::MAX as usize, "the stream's attributes")?)?;
+            let id = members.need(name, members.index_below(name, u32::MAX as usize, "the stream's attributes")?)?;
             match Semantic::parse(name) {
                 Some(semantic) if attributes.contains_key(&semantic) => {
                     ids.insert(semantic, id as u32);

@@ -4,7 +4,6 @@ use bytes::Bytes;
 
 use super::accessors::View;
 use super::json::Json;
-use super::lengths::Lengths;
 use super::table::Table;
 use crate::error::{Error, Result};
 use crate::scene::import::report::Notes;
@@ -38,7 +37,7 @@ impl Image {
     pub fn parse(json: &Json, index: usize, source: &Source, views: &Table<View>) -> Result<Self> {
         let mut name = json.name()?;
         json.string("mimeType")?; // The bytes say what they are.
-        let view = json.index("bufferView", views.len(), "bufferViews")?;
+        let view = json.index("bufferView", "bufferViews")?;
         let uri = json.string("uri")?;
         if uri.is_some() && view.is_some() {
             return Err(json.bad("bufferView", "either uri or bufferView", "both"));
@@ -65,7 +64,7 @@ impl Image {
 }
 
 /// A document's sampler.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Sampler {
     pub wrap_s: Wrap,
     pub wrap_t: Wrap,
@@ -111,22 +110,20 @@ pub struct Texture {
 }
 
 impl Texture {
-    pub fn parse(json: &Json, lengths: &Lengths) -> Result<Self> {
+    pub fn parse(json: &Json) -> Result<Self> {
         json.name()?;
-        let sampler = json.index("sampler", lengths.samplers, "samplers")?;
-        let core = json.index("source", lengths.images, "images")?;
-        let extension_source = |name: &str| match json.extension(name)? {
-            Some(extension) => extension.index("source", lengths.images, "images"),
-            None => Ok(None),
-        };
+        let sampler = json.index("sampler", "samplers")?;
+        let core = json.index("source", "images")?;
+        let extension_source =
+            |name: &str| json.extension(name)?.map_or(Ok(None), |extension| extension.index("source", "images"));
         let sources = [extension_source(WEBP)?, core, extension_source(BASIS)?].into_iter().flatten().collect();
         let mut alternatives = Vec::new();
-        for name in json.extension_names()?.into_iter().filter(|name| ![WEBP, BASIS].contains(name)) {
-            if let Some(extension) = json.extension(name)?
+        for name in json.extension_names()?.into_iter().filter(|name| ![WEBP, BASIS].contains(&&name[..])) {
+            if let Some(extension) = json.extension(&name)?
                 && extension.object()?.contains_key("source")
-                && (core.is_some() || extension.index("source", lengths.images, "images")?.is_some())
+                && (core.is_some() || extension.index("source", "images")?.is_some())
             {
-                alternatives.push(name.into());
+                alternatives.push(name);
             }
         }
         Ok(Self { sources, sampler, alternatives, at: json.at.clone() })

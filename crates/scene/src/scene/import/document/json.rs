@@ -8,16 +8,17 @@ use serde_json::{Map, Value};
 use crate::error::{Error, Result};
 use crate::scene::import::complaint::bad;
 
-/// A JSON value and its path (`meshes[3].primitives[0]`).
+/// A JSON value and its path (`meshes[3].primitives[0]`) in a document.
 #[derive(Clone)]
 pub struct Json<'a> {
+    root: &'a Value,
     value: &'a Value,
     pub at: String,
 }
 
 impl<'a> Json<'a> {
     pub fn root(value: &'a Value) -> Self {
-        Self { value, at: String::new() }
+        Self { root: value, value, at: String::new() }
     }
 
     pub fn value(&self) -> &'a Value {
@@ -57,14 +58,18 @@ impl<'a> Json<'a> {
     pub fn get(&self, key: &str) -> Result<Option<Json<'a>>> {
         Ok(self
             .typed(key, "an object", |v| v.is_object().then_some(v))?
-            .map(|value| Json { value, at: self.path(key) }))
+            .map(|value| Json { root: self.root, value, at: self.path(key) }))
     }
 
-    /// The elements of an array member; empty if absent.
-    pub fn items(&self, key: &str) -> Result<Vec<Json<'a>>> {
-        let Some(array) = self.typed(key, "an array", Value::as_array)? else { return Ok(Vec::new()) };
-        let path = self.path(key);
-        Ok(array.iter().enumerate().map(|(i, value)| Json { value, at: format!("{path}[{i}]") }).collect())
+    /// The elements of an array, given by its path from here; empty if absent.
+    pub fn items(&self, path: &str) -> Result<Vec<Json<'a>>> {
+        if let Some((key, rest)) = path.split_once('.') {
+            return self.get(key)?.map_or_else(|| Ok(Vec::new()), |json| json.items(rest));
+        }
+        let Some(array) = self.typed(path, "an array", Value::as_array)? else { return Ok(Vec::new()) };
+        let path = self.path(path);
+        let item = |(i, value)| Json { root: self.root, value, at: format!("{path}[{i}]") };
+        Ok(array.iter().enumerate().map(item).collect())
     }
 
     pub fn string(&self, key: &str) -> Result<Option<&'a str>> {
@@ -93,8 +98,13 @@ impl<'a> Json<'a> {
         self.typed(key, "an integer of at least 0", whole)
     }
 
-    /// An index below `len` into the array `what`.
-    pub fn index(&self, key: &str, len: usize, what: &str) -> Result<Option<usize>> {
+    /// An index into an array of the document, given by its path.
+    pub fn index(&self, key: &str, array: &str) -> Result<Option<usize>> {
+        self.index_below(key, self.length(array), array)
+    }
+
+    /// An index below `len` into `what`.
+    pub fn index_below(&self, key: &str, len: usize, what: &str) -> Result<Option<usize>> {
         match self.typed(key, &format!("an index into {what}"), whole)? {
             None => Ok(None),
             Some(index) if index < len as u64 => Ok(Some(index as usize)),
@@ -102,9 +112,10 @@ impl<'a> Json<'a> {
         }
     }
 
-    /// An array of indices; empty if absent.
-    pub fn indices(&self, key: &str, len: usize, what: &str) -> Result<Vec<usize>> {
+    /// An array of indices into an array of the document, given by its path; empty if absent.
+    pub fn indices(&self, key: &str, what: &str) -> Result<Vec<usize>> {
         let Some(array) = self.typed(key, "an array", Value::as_array)? else { return Ok(Vec::new()) };
+        let len = self.length(what);
         let element = |(i, value): (usize, &Value)| match whole(value) {
             Some(index) if index < len as u64 => Ok(index as usize),
             _ => Err(bad(
@@ -114,6 +125,11 @@ impl<'a> Json<'a> {
             )),
         };
         array.iter().enumerate().map(element).collect()
+    }
+
+    /// Length of an array of the document, given by its path; 0 if there is none.
+    fn length(&self, array: &str) -> usize {
+        array.split('.').fold(self.root, |value, key| &value[key]).as_array().map_or(0, Vec::len)
     }
 
     /// A number that is finite as a 32-bit float.
@@ -140,18 +156,43 @@ impl<'a> Json<'a> {
 
     /// An extension's object.
     pub fn extension(&self, name: &str) -> Result<Option<Json<'a>>> {
-        match self.get("extensions")? {
-            Some(extensions) => extensions.get(name),
-            None => Ok(None),
-        }
+        self.get("extensions")?.map_or(Ok(None), |extensions| extensions.get(name))
     }
 
     /// Names of this object's extensions.
-    pub fn extension_names(&self) -> Result<Vec<&'a str>> {
-        match self.get("extensions")? {
-            Some(extensions) => Ok(extensions.object()?.keys().map(String::as_str).collect()),
-            None => Ok(Vec::new()),
+    pub fn extension_names(&self) -> Result<Vec<String>> {
+        let extensions = self.get("extensions")?;
+        Ok(extensions.iter().flat_map(|json| json.value.as_object()).flatten().map(|(name, _)| name.clone()).collect())
+    }
+
+    /// Visits every extension in this value, except in `extras`, with the path of its `extensions` object. Recursion depth is
+    /// bounded by the JSON parser's limit.
+    ///
+    /// # Errors
+    /// An `extensions` member, or an extension, that is not an object.
+    pub fn each_extension(&self, seen: &mut impl FnMut(&str, &str)) -> Result<()> {
+        let holds_more = |value: &Value| value.is_object() || value.is_array();
+        if let Value::Array(items) = self.value {
+            for (i, value) in items.iter().enumerate().filter(|(_, value)| holds_more(value)) {
+                Json { root: self.root, value, at: format!("{}[{i}]", self.at) }.each_extension(seen)?;
+            }
         }
+        for (key, value) in self.value.as_object().into_iter().flatten().filter(|(key, _)| *key != "extras") {
+            if key != "extensions" && !holds_more(value) {
+                continue;
+            }
+            let member = Json { root: self.root, value, at: self.path(key) };
+            if key == "extensions" {
+                for (name, extension) in member.object()? {
+                    if !extension.is_object() {
+                        return Err(member.bad(name, "an object", kind(extension)));
+                    }
+                    seen(name, &member.at);
+                }
+            }
+            member.each_extension(seen)?;
+        }
+        Ok(())
     }
 }
 
@@ -181,71 +222,8 @@ pub fn shown(value: &Value) -> String {
     if text.chars().count() <= LONGEST { text } else { text.chars().take(LONGEST).chain(['…']).collect() }
 }
 
-/// One step of a path.
-pub enum Step<'a> {
-    Key(&'a str),
-    Index(usize),
-}
-
-/// The steps as a JSON path.
-pub fn join(steps: &[Step]) -> String {
-    let mut out = String::new();
-    for step in steps {
-        match step {
-            Step::Index(i) => out.push_str(&format!("[{i}]")),
-            Step::Key(key) if out.is_empty() => out.push_str(key),
-            Step::Key(key) => out.push_str(&format!(".{key}")),
-        }
-    }
-    out
-}
-
 /// A text in `extras`, which may be anything: what is no text, or empty, is `None`.
 pub fn extra(json: &Json, name: &str) -> Option<Arc<str>> {
     let text = json.value().get("extras")?.get(name)?.as_str()?;
     (!text.is_empty()).then(|| text.into())
-}
-
-/// Visits every extension in the document, except in `extras`, with the path of its `extensions` object. Recursion depth is
-/// bounded by the JSON parser's limit.
-///
-/// # Errors
-/// An `extensions` member, or an extension, that is not an object.
-pub fn each_extension<'a>(
-    value: &'a Value,
-    at: &mut Vec<Step<'a>>,
-    seen: &mut impl FnMut(&'a str, &[Step]),
-) -> Result<()> {
-    match value {
-        Value::Array(items) => {
-            for (i, item) in items.iter().enumerate() {
-                at.push(Step::Index(i));
-                each_extension(item, at, seen)?;
-                at.pop();
-            }
-        }
-        Value::Object(members) => {
-            for (key, member) in members {
-                if key == "extras" {
-                    continue;
-                }
-                at.push(Step::Key(key));
-                if key == "extensions" {
-                    let Some(extensions) = member.as_object() else {
-                        return Err(bad(&join(at), "an object", kind(member)));
-                    };
-                    for (name, extension) in extensions {
-                        if !extension.is_object() {
-                            return Err(bad(&format!("{}.{name}", join(at)), "an object", kind(extension)));
-                        }
-                        seen(name, at);
-                    }
-                }
-                each_extension(member, at, seen)?;
-                at.pop();
-            }
-        }
-        _ => {}
-    }
-    Ok(())
 }

@@ -6,8 +6,7 @@ use gltf::json::validation::Checked;
 
 use super::extensions::{Support, support};
 use super::json::{Json, extra};
-use super::lengths::Lengths;
-use super::lobes;
+use super::lobes::{self, Factors, UNIT};
 use super::texture_info::{TextureInfo, TextureInfos};
 use super::typed::read;
 use crate::error::Result;
@@ -22,33 +21,25 @@ pub struct Material {
     pub has_occlusion: bool,
     /// Paths of factors outside of 0 to 1.
     pub clamped: Vec<String>,
-    /// Ignored extensions: name and reason.
-    pub left_out: Vec<(String, &'static str)>,
+    pub extensions: Vec<String>,
     /// JSON path of the texture that requires tangents in the file.
     pub needs_tangents: Option<String>,
     pub at: String,
 }
 
 impl Material {
-    pub fn parse(json: &Json, lengths: &Lengths) -> Result<Self> {
+    pub fn parse(json: &Json) -> Result<Self> {
         let from: gltf::json::Material = read(json)?;
         let extensions = from.extensions.unwrap_or_default();
-        let mut clamped = Vec::new();
-        let mut unit = |json: &Json, key: &str, x: f32| {
-            if !(0.0..=1.0).contains(&x) {
-                clamped.push(json.path(key));
-            }
-            x.clamp(0.0, 1.0)
-        };
-        let texture = |json: &Json, key: &str| TextureInfo::parse(json, key, lengths);
+        let mut factors = Factors::default();
+        let texture = TextureInfo::parse;
         let mut plain =
             scene::Material { name: json.name()?, light_group: extra(json, "light_group"), ..Default::default() };
         let mut textures = [const { None }; TextureSlot::ALL.len()];
         if let Some(pbr) = json.get("pbrMetallicRoughness")? {
-            let from = from.pbr_metallic_roughness;
-            plain.metallic = unit(&pbr, "metallicFactor", from.metallic_factor.0);
-            plain.roughness = unit(&pbr, "roughnessFactor", from.roughness_factor.0);
-            plain.base_color = from.base_color_factor.0.map(|x| unit(&pbr, "baseColorFactor", x)).into();
+            plain.metallic = factors.number(&pbr, "metallicFactor", UNIT, 1.0)?;
+            plain.roughness = factors.number(&pbr, "roughnessFactor", UNIT, 1.0)?;
+            plain.base_color = factors.color(&pbr, "baseColorFactor", [1.0; 4])?.into();
             textures[TextureSlot::BaseColor as usize] = texture(&pbr, "baseColorTexture")?;
             textures[TextureSlot::MetallicRoughness as usize] = texture(&pbr, "metallicRoughnessTexture")?;
         }
@@ -69,7 +60,7 @@ impl Material {
             }
         }
         if let (Some(specular), Some(json)) = (&extensions.specular, json.extension("KHR_materials_specular")?) {
-            plain.specular = unit(&json, "specularFactor", specular.specular_factor.0);
+            plain.specular = factors.number(&json, "specularFactor", UNIT, 1.0)?;
             plain.specular_color = Vec3::from(specular.specular_color_factor.0);
             if plain.specular_color.min_element() < 0.0 {
                 return Err(json.bad("specularColorFactor", "numbers of at least 0", plain.specular_color));
@@ -77,7 +68,7 @@ impl Material {
             textures[TextureSlot::Specular as usize] = texture(&json, "specularTexture")?;
             textures[TextureSlot::SpecularColor as usize] = texture(&json, "specularColorTexture")?;
         }
-        lobes::parse(json, &extensions, &mut plain, &mut textures, lengths, &mut clamped)?;
+        lobes::parse(json, &mut plain, &mut textures, &mut factors)?;
         plain.unlit = extensions.unlit.is_some();
         plain.double_sided = from.double_sided;
         let cutoff = from.alpha_cutoff.map_or(0.5, |cutoff| cutoff.0);
@@ -91,29 +82,28 @@ impl Material {
                 return Err(json.bad("alphaMode", "OPAQUE, MASK or BLEND", found));
             }
         };
-        clamped.dedup();
         // Tangents are generated for a normal map of the base layer only.
         let needs_tangents =
             match (&textures[TextureSlot::Normal as usize], &textures[TextureSlot::ClearcoatNormal as usize]) {
                 (None, Some(map)) => Some(map.at.clone()),
                 _ => None,
             };
-        let left_out = check_other_extensions(json, lengths)?;
-        Ok(Self { plain, textures, has_occlusion, clamped, left_out, needs_tangents, at: json.at.clone() })
+        let extensions = check_other_extensions(json)?;
+        let clamped = factors.clamped;
+        Ok(Self { plain, textures, has_occlusion, clamped, extensions, needs_tangents, at: json.at.clone() })
     }
 }
 
-/// Checks the texture indices of ignored extensions; returns the extensions' names with reasons.
-fn check_other_extensions(json: &Json, lengths: &Lengths) -> Result<Vec<(String, &'static str)>> {
-    let mut left_out = Vec::new();
-    for name in json.extension_names()? {
-        let (Some(extension), Support::Ignored(why)) = (json.extension(name)?, support(name)) else { continue };
+/// Checks the texture indices of ignored extensions; returns the names of all.
+fn check_other_extensions(json: &Json) -> Result<Vec<String>> {
+    let names = json.extension_names()?;
+    for name in &names {
+        let (Some(extension), Support::Ignored(_)) = (json.extension(name)?, support(name)) else { continue };
         for (key, value) in extension.object()? {
             if key.ends_with("Texture") && value.is_object() {
-                TextureInfo::parse(&extension, key, lengths)?;
+                TextureInfo::parse(&extension, key)?;
             }
         }
-        left_out.push((name.into(), why));
     }
-    Ok(left_out)
+    Ok(names)
 }

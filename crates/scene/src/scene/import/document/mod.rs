@@ -10,7 +10,6 @@ pub mod draco;
 pub mod extensions;
 pub mod images;
 mod json;
-mod lengths;
 pub mod lights;
 mod lobes;
 pub mod materials;
@@ -37,11 +36,10 @@ use animations::Animation;
 use buffers::Buffer;
 use cameras::Camera;
 use images::{Image, ImageData, Sampler, Texture};
-use json::{Json, each_extension, join};
-use lengths::{Items, Lengths};
+use json::Json;
 use lights::Light;
 use materials::Material;
-use nodes::{Node, check_forest};
+use nodes::{Node, check_forest, have_parents, top_nodes};
 use primitives::{Mesh, References};
 use skins::Skin;
 use table::Table;
@@ -93,37 +91,38 @@ impl Document {
         check_version(&asset)?;
         let required = strings(&root, "extensionsRequired")?;
         extensions::check_required(&required)?;
-        let extensions = extension_places(&root, json)?;
+        let extensions = extension_places(&root)?;
         let quantized = required.iter().any(|name| name == "KHR_mesh_quantization");
-        let items = Items::of(&root)?;
-        let (variants, scene_names) = (names(&items.variants)?, names(&items.scenes)?);
-        note_backslashes(&items, notes);
+        if let Some(json) = root.extension("KHR_lights_punctual")?.filter(|json| json.value().get("lights").is_none()) {
+            return Err(json.bad("lights", "an array", "nothing"));
+        }
+        let variants = names(&root, "extensions.KHR_materials_variants.variants")?;
+        let scene_names = names(&root, "scenes")?;
+        note_backslashes(&root, notes)?;
         let variant = options.variant.as_deref().map(|name| choose("variant", name, &variants)).transpose()?;
-        let lengths = items.lengths(variant);
 
-        let buffers = Table::parse("buffers", &items.buffers, |i, json| Buffer::parse(json, i, source));
-        let views = Table::parse("bufferViews", &items.views, |_, json| View::parse(json, &buffers));
-        let accessors = Table::parse("accessors", &items.accessors, |_, json| Accessor::parse(json, &views));
-        let images = Table::parse("images", &items.images, |i, json| Image::parse(json, i, source, &views));
-        let samplers = Table::parse("samplers", &items.samplers, |_, json| Sampler::parse(json, notes));
-        let textures = Table::parse("textures", &items.textures, |_, json| Texture::parse(json, &lengths));
-        let materials = Table::parse("materials", &items.materials, |_, json| Material::parse(json, &lengths));
-        let references =
-            References { lengths: &lengths, accessors: &accessors, views: &views, materials: &materials, quantized };
-        let meshes = Table::parse("meshes", &items.meshes, |_, json| Mesh::parse(json, references, notes));
-        let skins = Table::parse("skins", &items.skins, |_, json| Skin::parse(json, &lengths, &accessors, &views));
-        let cameras = Table::parse("cameras", &items.cameras, |_, json| cameras::parse(json));
+        let buffers = Table::parse(&root, "buffers", |i, json| Buffer::parse(json, i, source))?;
+        let views = Table::parse(&root, "bufferViews", |_, json| View::parse(json, &buffers))?;
+        let accessors = Table::parse(&root, "accessors", |_, json| Accessor::parse(json, &views))?;
+        let images = Table::parse(&root, "images", |i, json| Image::parse(json, i, source, &views))?;
+        let samplers = Table::parse(&root, "samplers", |_, json| Sampler::parse(json, notes))?;
+        let textures = Table::parse(&root, "textures", |_, json| Texture::parse(json))?;
+        let materials = Table::parse(&root, "materials", |_, json| Material::parse(json))?;
+        let references = References { accessors: &accessors, views: &views, materials: &materials, quantized, variant };
+        let meshes = Table::parse(&root, "meshes", |_, json| Mesh::parse(json, references, notes))?;
+        let skins = Table::parse(&root, "skins", |_, json| Skin::parse(json, &accessors, &views))?;
+        let cameras = Table::parse(&root, "cameras", |_, json| cameras::parse(json))?;
         let lights =
-            Table::parse("extensions.KHR_lights_punctual.lights", &items.lights, |_, json| lights::parse(json, notes));
-        let node = |json| Node::parse(json, &lengths, &meshes, &accessors);
-        let nodes = items.nodes.iter().map(node).collect::<Result<Vec<_>>>()?;
+            Table::parse(&root, "extensions.KHR_lights_punctual.lights", |_, json| lights::parse(json, notes))?;
+        let node = |json| Node::parse(json, &meshes, &accessors);
+        let nodes = root.items("nodes")?.iter().map(node).collect::<Result<Vec<_>>>()?;
         check_forest(&nodes)?;
-        let animations = Table::parse("animations", &items.animations, |_, json| Animation::parse(json, &lengths));
-        let scenes = Table::parse("scenes", &items.scenes, |_, json| {
+        let animations = Table::parse(&root, "animations", |_, json| Animation::parse(json))?;
+        let scenes = Table::parse(&root, "scenes", |_, json| {
             json.name()?;
-            json.indices("nodes", lengths.nodes, "nodes")
-        });
-        let (roots, scene_at) = choose_scene(&root, options, &scene_names, &lengths, &scenes, &nodes)?;
+            json.indices("nodes", "nodes")
+        })?;
+        let (roots, scene_at) = choose_scene(&root, options, &scene_names, &scenes, &nodes)?;
         Ok(Self {
             generator: asset.string("generator")?.map(Into::into),
             buffers,
@@ -177,29 +176,30 @@ impl Document {
 }
 
 /// Extensions that are declared or occur in the document, each with the JSON path of its first occurrence.
-fn extension_places(root: &Json, json: &Value) -> Result<BTreeMap<String, String>> {
+fn extension_places(root: &Json) -> Result<BTreeMap<String, String>> {
     let declared = strings(root, "extensionsUsed")?;
     let mut places: BTreeMap<String, String> =
         declared.into_iter().map(|name| (name, "extensionsUsed".into())).collect();
-    each_extension(json, &mut Vec::new(), &mut |name, at| {
-        places.entry(name.into()).or_insert_with(|| join(at));
+    root.each_extension(&mut |name, at| {
+        places.entry(name.into()).or_insert_with(|| at.into());
     })?;
     Ok(places)
 }
 
-/// Names of elements; empty for those without.
-fn names(items: &[Json]) -> Result<Vec<String>> {
-    items.iter().map(|json| Ok(json.string("name")?.unwrap_or_default().into())).collect()
+/// Names of an array's elements; empty for those without.
+fn names(root: &Json, array: &str) -> Result<Vec<String>> {
+    root.items(array)?.iter().map(|json| Ok(json.string("name")?.unwrap_or_default().into())).collect()
 }
 
 /// Notes paths of buffers and pictures that use `\` as a separator.
-fn note_backslashes(items: &Items, notes: &mut Notes) {
-    for json in items.buffers.iter().chain(&items.images) {
+fn note_backslashes(root: &Json, notes: &mut Notes) -> Result<()> {
+    for json in [root.items("buffers")?, root.items("images")?].iter().flatten() {
         let uri = json.string("uri").ok().flatten();
         if uri.is_some_and(|uri| !uri.starts_with("data:") && uri.contains('\\')) {
             notes.repaired(&json.path("uri"), "`\\` in a path is read as `/`, unless a file has it in its name");
         }
     }
+    Ok(())
 }
 
 /// Root nodes and JSON path of the chosen scene, else of the document's default; of all nodes if there are no scenes.
@@ -207,13 +207,12 @@ fn choose_scene(
     root: &Json,
     options: &ImportOptions,
     names: &[String],
-    lengths: &Lengths,
     scenes: &Table<Vec<usize>>,
     nodes: &[Node],
 ) -> Result<(Vec<usize>, String)> {
     let chosen = match &options.scene {
         Some(wanted) => choose("scene", wanted, names)?,
-        None => root.index("scene", lengths.scenes, "scenes")?.unwrap_or(0),
+        None => root.index("scene", "scenes")?.unwrap_or(0),
     };
     let (roots, at) = match scenes.len() {
         // A file without scenes is a library of nodes: all of it is shown.
@@ -248,19 +247,9 @@ fn check_version(asset: &Json) -> Result<()> {
     Ok(())
 }
 
-fn parents(nodes: &[Node]) -> Vec<bool> {
-    let mut has_parent = vec![false; nodes.len()];
-    nodes.iter().flat_map(|n| &n.children).for_each(|&child| has_parent[child] = true);
-    has_parent
-}
-
-fn top_nodes(nodes: &[Node]) -> Vec<usize> {
-    parents(nodes).iter().enumerate().filter(|(_, has)| !**has).map(|(i, _)| i).collect()
-}
-
 /// Checks that a scene lists root nodes, each once, so that no node is shown twice.
 fn check_roots(roots: &[usize], nodes: &[Node], at: &str) -> Result<()> {
-    let mut taken = parents(nodes);
+    let mut taken = have_parents(nodes);
     for (i, &root) in roots.iter().enumerate() {
         if std::mem::replace(&mut taken[root], true) {
             return Err(bad(

@@ -6,7 +6,6 @@ use glam::{DAffine3, DMat4, DQuat, DVec3};
 
 use super::accessors::{Accessor, Component, Shape};
 use super::json::{Json, extra};
-use super::lengths::Lengths;
 use super::lights::Size;
 use super::primitives::{Mesh, read_weights};
 use super::table::Table;
@@ -55,16 +54,16 @@ pub struct Instancing {
 
 impl Node {
     /// Parses a node. Faults of its transform and children are errors; faults of its content are errors where it is shown.
-    pub fn parse(json: &Json, lengths: &Lengths, meshes: &Table<Mesh>, accessors: &Table<Accessor>) -> Result<Self> {
+    pub fn parse(json: &Json, meshes: &Table<Mesh>, accessors: &Table<Accessor>) -> Result<Self> {
         Ok(Self {
             name: json.name()?,
             category: extra(json, "category"),
             light_group: extra(json, "light_group"),
             light_size: Size::parse(json),
-            children: json.indices("children", lengths.nodes, "nodes")?,
+            children: json.indices("children", "nodes")?,
             transform: transform(json)?,
             at: json.at.clone(),
-            content: Content::parse(json, lengths, meshes, accessors),
+            content: Content::parse(json, meshes, accessors),
         })
     }
 
@@ -78,32 +77,23 @@ impl Node {
 }
 
 impl Content {
-    fn parse(json: &Json, lengths: &Lengths, meshes: &Table<Mesh>, accessors: &Table<Accessor>) -> Result<Self> {
-        let mesh = json.index("mesh", lengths.meshes, "meshes")?;
-        let skin = json.index("skin", lengths.skins, "skins")?;
+    fn parse(json: &Json, meshes: &Table<Mesh>, accessors: &Table<Accessor>) -> Result<Self> {
+        let mesh = json.index("mesh", "meshes")?;
+        let skin = json.index("skin", "skins")?;
         let shape = mesh.map(|index| meshes.get(index)).transpose()?;
         if let (Some(shape), Some(_)) = (shape, skin)
-            && let Some(primitive) = shape.primitives.iter().find(|p| p.skin_sets() == 0)
+            && let Some(primitive) = shape.primitives.iter().find(|p| p.skin_sets().next().is_none())
         {
             return Err(json.bad("skin", format!("JOINTS_0 and WEIGHTS_0 in {}", primitive.at), "none"));
         }
         let weights = read_weights(json, shape.map_or(0, |shape| shape.weights.len()))?;
-        let light = match json.extension("KHR_lights_punctual")? {
-            Some(json) => {
-                Some(json.need("light", json.index("light", lengths.lights, "extensions.KHR_lights_punctual.lights")?)?)
-            }
-            None => None,
-        };
-        let instancing = match json.extension("EXT_mesh_gpu_instancing")? {
-            Some(json) => Some(Instancing::parse(&json, accessors)?),
-            None => None,
-        };
-        let visible = match json.extension("KHR_node_visibility")? {
-            Some(json) => json.boolean("visible", true)?,
-            None => true,
-        };
-        let camera = json.index("camera", lengths.cameras, "cameras")?;
-        let extensions = json.extension_names()?.into_iter().map(Into::into).collect();
+        let index = |json: Json| json.need("light", json.index("light", "extensions.KHR_lights_punctual.lights")?);
+        let light = json.extension("KHR_lights_punctual")?.map(index).transpose()?;
+        let instancing = json.extension("EXT_mesh_gpu_instancing")?;
+        let instancing = instancing.map(|json| Instancing::parse(&json, accessors)).transpose()?;
+        let visible = json.extension("KHR_node_visibility")?.map_or(Ok(true), |json| json.boolean("visible", true))?;
+        let camera = json.index("camera", "cameras")?;
+        let extensions = json.extension_names()?;
         Ok(Self { mesh, skin, camera, light, weights, instancing, visible, extensions })
     }
 }
@@ -132,7 +122,7 @@ impl Instancing {
         let attributes = json.need("attributes", json.get("attributes")?)?;
         let mut out = Self { translation: None, rotation: None, scale: None, all: Vec::new() };
         for name in attributes.object()?.keys() {
-            let index = attributes.need(name, attributes.index(name, accessors.len(), "accessors")?)?;
+            let index = attributes.need(name, attributes.index(name, "accessors")?)?;
             let a = accessors.get(index)?;
             let float = a.component == Component::F32;
             let (fits, slot) = match name.as_str() {
@@ -187,13 +177,23 @@ pub fn check_forest(nodes: &[Node]) -> Result<()> {
     }
 }
 
+/// For each node: is it a child of another?
+pub fn have_parents(nodes: &[Node]) -> Vec<bool> {
+    let mut is_child = vec![false; nodes.len()];
+    nodes.iter().flat_map(|n| &n.children).for_each(|&child| is_child[child] = true);
+    is_child
+}
+
+/// Indices of the nodes without a parent.
+pub fn top_nodes(nodes: &[Node]) -> Vec<usize> {
+    let is_child = have_parents(nodes);
+    (0..nodes.len()).filter(|&i| !is_child[i]).collect()
+}
+
 /// Every node's transform to world space, also of nodes that no scene shows. The nodes must be a forest.
 pub fn world_transforms(nodes: &[Node]) -> Vec<DAffine3> {
     let mut worlds = vec![DAffine3::IDENTITY; nodes.len()];
-    let mut is_child = vec![false; nodes.len()];
-    nodes.iter().flat_map(|n| &n.children).for_each(|&c| is_child[c] = true);
-    let mut stack: Vec<(usize, DAffine3)> =
-        (0..nodes.len()).filter(|&i| !is_child[i]).map(|i| (i, DAffine3::IDENTITY)).collect();
+    let mut stack: Vec<_> = top_nodes(nodes).into_iter().map(|i| (i, DAffine3::IDENTITY)).collect();
     while let Some((index, parent)) = stack.pop() {
         worlds[index] = parent * nodes[index].transform;
         stack.extend(nodes[index].children.iter().map(|&child| (child, worlds[index])));

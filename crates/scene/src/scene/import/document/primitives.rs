@@ -4,7 +4,6 @@ use super::accessors::{Accessor, Component, Shape, View};
 use super::attributes::{Attributes, Semantic, parse_attributes};
 use super::draco::Draco;
 use super::json::Json;
-use super::lengths::Lengths;
 use super::materials::Material;
 use super::table::Table;
 use crate::error::Result;
@@ -39,12 +38,13 @@ pub struct Mesh {
 /// The parts of a document that primitives refer to.
 #[derive(Clone, Copy)]
 pub struct References<'a> {
-    pub lengths: &'a Lengths,
     pub accessors: &'a Table<Accessor>,
     pub views: &'a Table<View>,
     pub materials: &'a Table<Material>,
     /// Whether the document requires KHR_mesh_quantization, which allows more formats of attributes.
     pub quantized: bool,
+    /// Index of the chosen material variant.
+    pub variant: Option<usize>,
 }
 
 impl Mesh {
@@ -76,7 +76,7 @@ pub fn read_weights(json: &Json, targets: usize) -> Result<Option<Vec<f32>>> {
 
 impl Primitive {
     fn parse(json: &Json, references: References, notes: &mut Notes) -> Result<Self> {
-        let References { lengths, accessors, views, materials, quantized } = references;
+        let References { accessors, views, materials, quantized, variant } = references;
         let mode = json.integer("mode")?.unwrap_or(4);
         if mode > 6 {
             return Err(json.bad("mode", "0 to 6", mode));
@@ -111,7 +111,7 @@ impl Primitive {
                 format!("{} and {}", joints.1, weights.1),
             ));
         }
-        let indices = json.index("indices", lengths.accessors, "accessors")?;
+        let indices = json.index("indices", "accessors")?;
         if let Some(index) = indices {
             let a = accessors.get(index)?;
             let unsigned = matches!(a.component, Component::U8 | Component::U16 | Component::U32);
@@ -123,13 +123,12 @@ impl Primitive {
             }
             all_accessors.push(index);
         }
-        let mut material = json.index("material", lengths.materials, "materials")?;
+        let mut material = json.index("material", "materials")?;
         if let Some(variants) = json.extension("KHR_materials_variants")? {
             for mapping in variants.items("mappings")? {
-                let to = mapping.index("material", lengths.materials, "materials")?;
-                let of = "extensions.KHR_materials_variants.variants";
-                let whose = mapping.indices("variants", lengths.variants, of)?;
-                if lengths.variant.is_some_and(|chosen| whose.contains(&chosen)) {
+                let to = mapping.index("material", "materials")?;
+                let whose = mapping.indices("variants", "extensions.KHR_materials_variants.variants")?;
+                if variant.is_some_and(|chosen| whose.contains(&chosen)) {
                     material = to;
                 }
             }
@@ -141,7 +140,7 @@ impl Primitive {
             return Err(json.bad("attributes", format!("NORMAL or TANGENT, which {at} needs"), "none"));
         }
         // An uncompressed fallback is used instead of the stream.
-        let draco = Draco::parse(json, &attributes, views.len())?.filter(|draco| {
+        let draco = Draco::parse(json, &attributes)?.filter(|draco| {
             let mut coded = draco.attributes.keys().map(|semantic| attributes[semantic]).chain(indices);
             coded.any(|index| accessors.get(index).is_ok_and(|accessor| accessor.view.is_none()))
         });
@@ -153,12 +152,13 @@ impl Primitive {
                 if indices.is_none() { "no indices".into() } else { mode.to_string() },
             ));
         }
-        let extensions = json.extension_names()?.into_iter().map(Into::into).collect();
+        let extensions = json.extension_names()?;
         Ok(Self { attributes, indices, mode, material, targets, draco, extensions, at: json.at.clone() })
     }
 
-    /// Number of JOINTS/WEIGHTS pairs.
-    pub fn skin_sets(&self) -> u32 {
-        (0..).take_while(|&i| self.attributes.contains_key(&Semantic::Joints(i))).count() as u32
+    /// Accessors of each pair of JOINTS and WEIGHTS.
+    pub fn skin_sets(&self) -> impl Iterator<Item = (usize, usize)> {
+        let accessor = move |semantic| self.attributes.get(&semantic).copied();
+        (0..).map_while(move |i| Some((accessor(Semantic::Joints(i))?, accessor(Semantic::Weights(i))?)))
     }
 }

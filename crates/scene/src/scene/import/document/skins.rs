@@ -2,7 +2,6 @@
 
 use super::accessors::{Accessor, Component, Shape, View};
 use super::json::Json;
-use super::lengths::Lengths;
 use super::table::Table;
 use crate::error::Result;
 
@@ -14,14 +13,14 @@ pub struct Skin {
 }
 
 impl Skin {
-    pub fn parse(json: &Json, lengths: &Lengths, accessors: &Table<Accessor>, views: &Table<View>) -> Result<Self> {
+    pub fn parse(json: &Json, accessors: &Table<Accessor>, views: &Table<View>) -> Result<Self> {
         json.name()?;
-        let joints = json.indices("joints", lengths.nodes, "nodes")?;
+        let joints = json.indices("joints", "nodes")?;
         if joints.is_empty() {
             return Err(json.bad("joints", "at least one joint", "none"));
         }
-        json.index("skeleton", lengths.nodes, "nodes")?;
-        let inverse_bind = json.index("inverseBindMatrices", lengths.accessors, "accessors")?;
+        json.index("skeleton", "nodes")?;
+        let inverse_bind = json.index("inverseBindMatrices", "accessors")?;
         if let Some(index) = inverse_bind {
             let a = accessors.get(index)?;
             if a.shape != Shape::Mat4 || a.component != Component::F32 {

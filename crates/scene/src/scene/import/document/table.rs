@@ -10,10 +10,13 @@ pub struct Table<T> {
 }
 
 impl<T> Table<T> {
-    /// Reads every element; errors are kept in the element's place.
-    pub fn parse(name: &'static str, items: &[Json], mut read: impl FnMut(usize, &Json) -> Result<T>) -> Self {
-        let elements = items.iter().enumerate().map(|(index, json)| read(index, json)).collect();
-        Self { elements, name }
+    /// Reads every element of the array with this path; errors are kept in the element's place.
+    ///
+    /// # Errors
+    /// A member that should be an array and is not.
+    pub fn parse(root: &Json, name: &'static str, mut read: impl FnMut(usize, &Json) -> Result<T>) -> Result<Self> {
+        let elements = root.items(name)?.iter().enumerate().map(|(index, json)| read(index, json)).collect();
+        Ok(Self { elements, name })
     }
 
     /// The element at a checked index.

@@ -4,7 +4,6 @@ use glam::Affine2;
 use gltf::json::texture;
 
 use super::json::Json;
-use super::lengths::Lengths;
 use super::typed::read;
 use crate::error::Result;
 use crate::scene::TextureSlot;
@@ -19,11 +18,11 @@ pub struct TextureInfo {
 }
 
 impl TextureInfo {
-    pub fn parse(json: &Json, key: &str, lengths: &Lengths) -> Result<Option<Self>> {
+    pub fn parse(json: &Json, key: &str) -> Result<Option<Self>> {
         let Some(json) = json.get(key)? else { return Ok(None) };
         // The crate gltf has no transform for normal and occlusion textures; read as plain texture infos they have one.
         let info: texture::Info = read(&json)?;
-        let texture = json.need("index", json.index("index", lengths.textures, "textures")?)?;
+        let texture = json.need("index", json.index("index", "textures")?)?;
         let own = info.extensions.and_then(|extensions| extensions.texture_transform);
         let set = own.as_ref().and_then(|t| t.tex_coord).unwrap_or(info.tex_coord);
         let affine = own.map(|t| {

@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use super::reach::{Reach, items};
+use super::reach::{Reach, index, items};
 
 /// Numbers of the elements that some scene of the document can show, as the document states them.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -34,7 +34,6 @@ fn add(sum: &mut u64, more: u64) {
 /// Counts the elements that some scene of the document can show.
 pub fn census(json: &Value, reach: &Reach) -> Census {
     let mut census = Census { values: values(json), ..Default::default() };
-    let shines = |material: &Value| items(&material["emissiveFactor"]).any(|x| x.as_f64().is_some_and(|x| x > 0.0));
     // Vertices, triangles, emissive triangles, primitives.
     let size = |mesh: &Value| {
         let mut size = [0; 4];
@@ -46,7 +45,7 @@ pub fn census(json: &Value, reach: &Reach) -> Census {
                 Some(5 | 6) => corners.saturating_sub(2),
                 _ => continue,
             };
-            let emissive = number(&primitive["material"]).is_some_and(|index| shines(&json["materials"][index]));
+            let emissive = index(&primitive["material"]).is_some_and(|index| shines(&json["materials"][index]));
             let own = [vertices, triangles, if emissive { triangles } else { 0 }, 1];
             size.iter_mut().zip(own).for_each(|(sum, more)| add(sum, more));
         }
@@ -60,17 +59,22 @@ pub fn census(json: &Value, reach: &Reach) -> Census {
     }
     let cameras: Vec<_> = items(&json["cameras"]).collect();
     for (node, _) in items(&json["nodes"]).zip(&reach.nodes).filter(|(_, shown)| **shown) {
-        if let Some(size) = number(&node["mesh"]).and_then(|mesh| sizes.get(mesh)) {
+        if let Some(size) = index(&node["mesh"]).and_then(|mesh| sizes.get(mesh)) {
             let places = placements(json, node);
             add(&mut census.instances, places);
             add(&mut census.emissive_triangles, places.saturating_mul(size[2]));
         }
-        if let Some(camera) = number(&node["camera"]).and_then(|camera| cameras.get(camera)) {
+        if let Some(camera) = index(&node["camera"]).and_then(|camera| cameras.get(camera)) {
             let name = node["name"].as_str().or(camera["name"].as_str()).unwrap_or_default();
             census.cameras.push((name.to_owned(), aspect(camera)));
         }
     }
     census
+}
+
+/// May a material emit light?
+pub fn shines(material: &Value) -> bool {
+    items(&material["emissiveFactor"]).any(|x| x.as_f64().is_some_and(|x| x > 0.0))
 }
 
 /// Width over height of a camera.
@@ -91,8 +95,8 @@ fn placements(json: &Value, node: &Value) -> u64 {
 }
 
 /// Number of an accessor's elements.
-fn count(json: &Value, index: &Value) -> u64 {
-    let count = number(index).and_then(|i| json["accessors"][i]["count"].as_u64()).unwrap_or(0);
+fn count(json: &Value, accessor: &Value) -> u64 {
+    let count = index(accessor).and_then(|i| json["accessors"][i]["count"].as_u64()).unwrap_or(0);
     if count < MOST { count } else { 0 }
 }
 
@@ -103,8 +107,4 @@ fn values(json: &Value) -> u64 {
         Value::Object(members) => members.values().map(values).sum(),
         _ => 0,
     }
-}
-
-fn number(json: &Value) -> Option<usize> {
-    json.as_u64().map(|n| n as usize)
 }

@@ -47,8 +47,7 @@ pub fn read_glb(reader: &mut dyn Read, limit: u64) -> Result<Bytes> {
             "{STANDARD_INPUT}: byte 0: expected the GLB magic `glTF`, found something else; a .gltf is read by its name"
         )));
     }
-    let word = bytes.get(8..12).and_then(|word| word.try_into().ok());
-    let length = u64::from(word.map_or(0, u32::from_le_bytes));
+    let length = u64::from(word(&bytes, 8).unwrap_or(0));
     if length > limit {
         let (length, limit) = (length.div_ceil(1 << 20), limit >> 20);
         return Err(Error::Host(format!(
@@ -69,16 +68,16 @@ pub fn open(path: &Path) -> Result<Container> {
 /// Reads the document of a `.gltf` or `.glb`, distinguished by their first bytes.
 pub fn read(path: &Path, input: Input, file_bytes: u64) -> Result<Container> {
     let in_file = |text: String| Error::Data(format!("{}: {text}", path.display()));
-    let words = Words { path, input: &input, length: file_bytes };
-    if words.at(0)? == Some(*b"vers") {
+    let head = input.bytes(path, 0..file_bytes.min(HEADER))?;
+    if head.starts_with(b"vers") {
         refuse_pointer(path, &Blob::read(path, &input, 0..file_bytes.min(1023), None)?.all())?;
     }
-    let is_glb = words.at(0)? == Some(MAGIC);
+    let is_glb = head.starts_with(&MAGIC);
     if !is_glb && path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb")) {
         return Err(in_file("byte 0: expected the GLB magic `glTF`, found something else; is this a GLB file?".into()));
     }
     let (json, bin) = match is_glb {
-        true => split(&words)?,
+        true => split(path, &input, &head, file_bytes)?,
         false => (0..file_bytes, None),
     };
     let json = Blob::read(path, &input, json, None)?.all();
@@ -89,9 +88,8 @@ pub fn read(path: &Path, input: Input, file_bytes: u64) -> Result<Container> {
     };
     // The parser's own recursion limit keeps deep nesting from overflowing the stack.
     let mut parser = serde_json::Deserializer::from_slice(json);
-    let parsed = serde_path_to_error::deserialize(&mut parser).map_err(|error| in_file(not_json(json, &error)))?;
+    let json = serde_path_to_error::deserialize(&mut parser).map_err(|error| in_file(not_json(json, &error)))?;
     parser.end().map_err(|error| in_file(format!("not valid JSON: {error}")))?;
-    let json = parsed;
     Ok(Container { json, byte_order_mark, input, file_bytes, bin })
 }
 
@@ -113,47 +111,31 @@ fn not_json(json: &[u8], error: &serde_path_to_error::Error<serde_json::Error>) 
     }
 }
 
-/// Reads 32-bit words of a file.
-struct Words<'a> {
-    path: &'a Path,
-    input: &'a Input,
-    length: u64,
+/// The 32-bit number at an offset; `None` beyond the end.
+fn word(bytes: &[u8], at: usize) -> Option<u32> {
+    bytes.get(at..at + 4)?.try_into().ok().map(u32::from_le_bytes)
 }
 
-impl Words<'_> {
-    /// Four bytes at an offset; `None` beyond the end.
-    fn at(&self, at: u64) -> Result<Option<[u8; 4]>> {
-        if at + 4 > self.length {
-            return Ok(None);
-        }
-        Ok(self.input.bytes(self.path, at..at + 4)?[..].try_into().ok())
-    }
-
-    fn number(&self, at: u64, cut: impl Fn() -> Error) -> Result<u32> {
-        self.at(at)?.map(u32::from_le_bytes).ok_or_else(cut)
-    }
-}
-
-/// Byte ranges of a GLB's JSON and BIN chunks.
-fn split(words: &Words) -> Result<(Range<u64>, Option<Range<u64>>)> {
-    let bad = |text: String| Error::Data(format!("{}: GLB container: {text}", words.path.display()));
-    let truncated = || bad(format!("byte {}: the file ends inside the {HEADER}-byte header", words.length));
-    let version = words.number(4, truncated)?;
-    let length = u64::from(words.number(8, truncated)?);
+/// Byte ranges of a GLB's JSON and BIN chunks, by its header and the size of its file.
+fn split(path: &Path, input: &Input, head: &[u8], file_bytes: u64) -> Result<(Range<u64>, Option<Range<u64>>)> {
+    let bad = |text: String| Error::Data(format!("{}: GLB container: {text}", path.display()));
+    let (Some(version), Some(length)) = (word(head, 4), word(head, 8).map(u64::from)) else {
+        return Err(bad(format!("byte {file_bytes}: the file ends inside the {HEADER}-byte header")));
+    };
     if version != 2 {
         return Err(bad(format!("byte 4: expected version 2, found {version}; convert the file to glTF 2.0")));
     }
-    if length > words.length || length < HEADER {
-        let text = format!("byte 8: the header says {length} bytes, the file has {}; is it truncated?", words.length);
+    if length > file_bytes || length < HEADER {
+        let text = format!("byte 8: the header says {length} bytes, the file has {file_bytes}; is it truncated?");
         return Err(bad(text));
     }
-    let words = Words { length, ..*words };
     let (mut json, mut bin) = (None, None);
     let (mut at, mut index) = (HEADER, 0);
     while at < length {
-        let cut = || bad(format!("byte {at}: the file ends inside a chunk header"));
-        let size = u64::from(words.number(at, cut)?);
-        let kind = words.number(at + 4, cut)?;
+        let head = input.bytes(path, at..length.min(at + CHUNK_HEADER))?;
+        let (Some(size), Some(kind)) = (word(&head, 0).map(u64::from), word(&head, 4)) else {
+            return Err(bad(format!("byte {at}: the file ends inside a chunk header")));
+        };
         let start = at + CHUNK_HEADER;
         let end = start + size;
         if end > length {

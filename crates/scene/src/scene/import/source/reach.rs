@@ -113,7 +113,7 @@ impl Reach {
     }
 }
 
-fn index(value: &Value) -> Option<usize> {
+pub fn index(value: &Value) -> Option<usize> {
     value.as_u64().map(|index| index as usize)
 }
 

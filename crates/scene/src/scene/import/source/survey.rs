@@ -9,7 +9,7 @@ use image::{ColorType, ImageDecoder, ImageReader};
 use serde_json::Value;
 
 use super::Source;
-use super::census::{Census, census};
+use super::census::{Census, census, shines};
 use super::reach::items;
 
 /// Hash and sizes of a scene's files, without decoding them.
@@ -94,7 +94,6 @@ impl Source {
 }
 
 fn has_lights(json: &Value) -> bool {
-    let shines = |material: &Value| items(&material["emissiveFactor"]).any(|x| x.as_f64().is_some_and(|x| x > 0.0));
     items(&json["extensions"]["KHR_lights_punctual"]["lights"]).next().is_some()
         || items(&json["materials"]).any(shines)
         // Animated factors, and lights of other extensions.

@@ -45,7 +45,7 @@ pub fn decode(
     if let Some(index) = primitive.indices {
         let component = accessor(index)?.component;
         let corners = mesh.faces().iter().flatten().map(|point| point.0);
-        let bytes = corners.flat_map(|i| i.to_le_bytes().into_iter().take(component.size() as usize));
+        let bytes = corners.flat_map(|i| i.to_le_bytes().into_iter().take(component.size()));
         out.push((index, bytes.collect()));
     }
     for (semantic, &id) in &draco.attributes {
@@ -71,7 +71,7 @@ fn packed(from: &PointAttribute, to: &Accessor, points: usize, at: &str) -> Resu
         _ => None,
     };
     let size = to.element_bytes() as usize;
-    let width = u64::from(from.num_components()) * to.component.size();
+    let width = u64::from(from.num_components()) * to.component.size() as u64;
     if component != Some(to.component) || width != size as u64 {
         let found = format!("{} of {:?} in the Draco stream", from.num_components(), from.data_type());
         return Err(bad(&to.at, to.format(), found));

@@ -1,13 +1,11 @@
 //! Buffer views under EXT_meshopt_compression and KHR_meshopt_compression.
 
-use meshoptimizer_rs::codec::{
-    self, Mode, decode_filter_color, decode_filter_exp, decode_filter_oct, decode_filter_quat, decode_vertex_buffer,
-};
+use meshoptimizer_rs::codec::{self, Mode};
 use meshoptimizer_rs::{Error, Limits, Workspace};
 
 use super::{damaged, guarded};
 use crate::error::Result;
-use crate::scene::import::document::meshopt::{Filter, Meshopt};
+use crate::scene::import::document::meshopt::Meshopt;
 
 /// Memory that a decoder may use in addition to its result.
 const MAX_SCRATCH_BYTES: usize = 1 << 20;
@@ -22,22 +20,17 @@ pub fn decode(view: &Meshopt, stream: &[u8]) -> Result<Vec<u8>> {
         let limits =
             Limits { max_bytes: count.saturating_mul(stride).saturating_add(MAX_SCRATCH_BYTES), ..Limits::default() };
         let mut workspace = Workspace::new(limits);
-        if view.mode != Mode::Attributes && view.filter != Filter::None {
+        if view.mode != Mode::Attributes && view.filter.is_some() {
             return Err(Error::InvalidParameter);
         }
         let mut bytes = match view.mode {
-            Mode::Attributes => decode_vertex_buffer(count, stride, stream, &mut workspace),
+            Mode::Attributes => codec::decode_vertex_buffer(count, stride, stream, &mut workspace),
             Mode::Triangles => codec::decode_index_buffer(count, stride, stream, &mut workspace),
             Mode::Indices => codec::decode_index_sequence(count, stride, stream, &mut workspace),
         }?;
-        let filter = match view.filter {
-            Filter::None => return Ok(bytes),
-            Filter::Octahedral => decode_filter_oct,
-            Filter::Quaternion => decode_filter_quat,
-            Filter::Exponential => decode_filter_exp,
-            Filter::Color => decode_filter_color,
-        };
-        filter(&mut bytes, count, stride, &mut workspace)?;
+        if let Some(invert_filter) = view.filter {
+            invert_filter(&mut bytes, count, stride, &mut workspace)?;
+        }
         Ok(bytes)
     })
     .map_err(|why| damaged(&view.at, "meshopt stream", &why))
