@@ -205,8 +205,8 @@ pub(super) fn may_replace(old: &Path, new: &File) -> bool {
     before.is_empty() || same_kind && (says || is_report || same_table || magic(&before))
 }
 
-/// The regular file that an output path stands for, which may not exist yet. Symbolic links are followed, so that they stay
-/// links. `None` for a device, which must not be replaced by a file.
+/// The regular file that an output path stands for, which may not exist yet. Symbolic links are followed, so that they
+/// stay links. `None` for a device, which must not be replaced by a file.
 pub(super) fn target_of(path: &Path) -> Result<Option<PathBuf>> {
     check_place(path)?;
     let target = match fs::metadata(path) {

@@ -9,7 +9,7 @@ use std::sync::{LazyLock, Mutex, MutexGuard, PoisonError};
 use super::destination::{folder_of, lock_name, open_guessable, target_of};
 use crate::{Error, Result};
 
-/// The files that the claimed paths of this process stood for when they were claimed, and the number of claims by each path.
+/// The files that the claimed paths of this process stood for when they were claimed, and the number of claims by each.
 static TARGETS: LazyLock<Mutex<HashMap<PathBuf, (PathBuf, usize)>>> = LazyLock::new(Mutex::default);
 
 /// The locks of this process, by output file.
