@@ -199,7 +199,7 @@ fn check_head(path: &Path, file: &File) -> Outcome<()> {
     })
 }
 
-pub(super) fn cannot_use(path: &Path, why: &str) -> Error {
+pub fn cannot_use(path: &Path, why: &str) -> Error {
     Error::Data(format!("{}: cannot use this OpenEXR file: {why}", path.display()))
 }
 
@@ -361,17 +361,23 @@ pub(super) fn each_block(
 }
 
 fn read_line(line: &LineRef, kind: SampleType, put: impl FnMut(usize, f32)) -> Result<()> {
-    fn read<T: exr::io::Data>(line: &LineRef, f: impl Fn(T) -> f32, mut put: impl FnMut(usize, f32)) -> Result<()> {
-        for (i, sample) in line.read_samples::<T>().enumerate() {
-            put(i, f(sample?));
-        }
-        Ok(())
-    }
     match kind {
-        SampleType::F16 => read(line, f16::to_f32, put),
-        SampleType::F32 => read(line, |x| x, put),
-        SampleType::U32 => read(line, |x: u32| x as f32, put),
+        SampleType::F16 => each_sample(line, f16::to_f32, put),
+        SampleType::F32 => each_sample(line, |x: f32| x, put),
+        SampleType::U32 => each_sample(line, |x: u32| x as f32, put),
     }
+}
+
+/// Converts the samples of a line, which have the type `T`, and passes them on with their index.
+pub(super) fn each_sample<T: exr::io::Data, V>(
+    line: &LineRef,
+    convert: impl Fn(T) -> V,
+    mut put: impl FnMut(usize, V),
+) -> Result<()> {
+    for (i, sample) in line.read_samples::<T>().enumerate() {
+        put(i, convert(sample?));
+    }
+    Ok(())
 }
 
 fn attribute<'a>(header: &'a ExrHeader, name: &str) -> Option<&'a AttributeValue> {
