@@ -2,13 +2,11 @@
 
 use std::collections::BTreeSet;
 use std::fmt;
-use std::path::Path;
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
 use super::job::Job;
-use super::numbering::{OTHER_OUTPUTS, numbered, numbered_name, with_placeholder};
 use super::views::{self, SPLITTING};
 
 /// Frame numbers in the order in which they are rendered; at least one, none twice. Text form: `1-240x2,250`.
@@ -138,20 +136,8 @@ pub fn split(job: Job) -> Result<Vec<Job>, (String, String)> {
     let (flag, text) = job.flags.remove(at);
     let frames: Frames = text.unwrap_or_default().parse().map_err(|why| (flag.clone(), format!("`frames`: {why}")))?;
     let has_seed_flag = job.flags.iter().any(|(name, _)| name == "seed-per-frame");
-    let no_placeholder = |name: &str, file: &Path| {
-        let why =
-            format!("{} names one file for all frames; write their number as #### or {{frame:04}}", file.display());
-        (name.to_owned(), format!("`{name}`: {why}"))
-    };
     let one = |&frame: &u32| -> Result<Job, (String, String)> {
-        let mut one = job.clone();
-        one.name = numbered_name(&with_placeholder(job.name.clone()), frame).unwrap_or_default();
-        one.output = numbered(&job.output, frame).ok_or_else(|| no_placeholder("output", &job.output))?;
-        for (name, value) in one.flags.iter_mut().filter(|(name, _)| OTHER_OUTPUTS.contains(&name.as_str())) {
-            let Some(file) = value else { continue };
-            let path = numbered(Path::new(&file), frame).ok_or_else(|| no_placeholder(name, Path::new(&file)))?;
-            *file = path.to_string_lossy().into_owned();
-        }
+        let mut one = job.numbered(frame, "frames", false)?;
         one.flags.push(("frame".into(), Some(frame.to_string())));
         if !has_seed_flag {
             one.flags.push(("seed-per-frame".into(), Some("true".into())));

@@ -5,6 +5,8 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
+use super::numbering::{OTHER_OUTPUTS, numbered, numbered_name, with_placeholder};
+
 /// One render, or a sequence of one render per frame (flag `frames`).
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Job {
@@ -53,14 +55,41 @@ pub struct SourceLocation {
     pub keys: HashMap<String, (usize, usize)>,
 }
 
+/// A flag as an argument of `bismar render`: `--name=value`, `--name`.
+pub fn argument((name, value): &(String, Option<String>)) -> String {
+    match value {
+        Some(value) => format!("--{name}={value}"),
+        None => format!("--{name}"),
+    }
+}
+
 impl Job {
-    /// The flags as arguments of `bismar render`: `--name=value`, `--name`.
+    /// The flags as arguments of `bismar render`.
     pub fn arguments(&self) -> Vec<String> {
-        let flag = |(name, value): &(String, Option<String>)| match value {
-            Some(value) => format!("--{name}={value}"),
-            None => format!("--{name}"),
+        self.flags.iter().map(argument).collect()
+    }
+
+    /// The job with a number in its name and in those of its files. `all` says what is numbered; names of files need no
+    /// place for the number if there is a `single` one.
+    ///
+    /// # Errors
+    /// A flag and what is wrong with it.
+    pub(super) fn numbered(&self, number: u32, all: &str, single: bool) -> Result<Self, (String, String)> {
+        let of = |flag: &str, file: &Path| {
+            let why = "write their number as #### or {frame:04}";
+            let path = numbered(file, number).or(single.then(|| file.to_owned()));
+            path.ok_or_else(|| {
+                (flag.to_owned(), format!("`{flag}`: {} names one file for all {all}; {why}", file.display()))
+            })
         };
-        self.flags.iter().map(flag).collect()
+        let mut one = self.clone();
+        one.name = numbered_name(&with_placeholder(self.name.clone()), number).unwrap_or_default();
+        one.output = of("output", &self.output)?;
+        for (flag, value) in one.flags.iter_mut().filter(|(flag, _)| OTHER_OUTPUTS.contains(&flag.as_str())) {
+            let Some(file) = value else { continue };
+            *file = of(flag, Path::new(&file))?.to_string_lossy().into_owned();
+        }
+        Ok(one)
     }
 }
 

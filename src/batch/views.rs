@@ -11,7 +11,6 @@ use glam::Mat4;
 use serde::{Deserialize, Serialize};
 
 use super::job::Job;
-use super::numbering::{OTHER_OUTPUTS, numbered, numbered_name, with_placeholder};
 use crate::film::atomic;
 use crate::film::exr_file::{CALIBRATION, HeaderValue, WORLD_TO_CAMERA, WORLD_TO_NDC};
 use crate::integrator::CameraRays;
@@ -291,19 +290,8 @@ pub fn split(job: Job) -> std::result::Result<Vec<Job>, (String, String)> {
         });
         (views.collect(), first.is_some())
     };
-    let number = |file: &Path, name: &str, view| {
-        let why = "names one file for all views; write their number as #### or {frame:04}";
-        let path = numbered(file, view).or(single.then(|| file.to_owned()));
-        path.ok_or_else(|| (name.to_owned(), format!("`{name}`: {} {why}", file.display())))
-    };
     let one = |(view, flags): (u32, Vec<(String, String)>)| -> std::result::Result<Job, (String, String)> {
-        let mut one = job.clone();
-        one.name = numbered_name(&with_placeholder(job.name.clone()), view).unwrap_or_default();
-        one.output = number(&job.output, "output", view)?;
-        for (name, value) in one.flags.iter_mut().filter(|(name, _)| OTHER_OUTPUTS.contains(&name.as_str())) {
-            let Some(file) = value else { continue };
-            *file = number(Path::new(&file), name, view)?.to_string_lossy().into_owned();
-        }
+        let mut one = job.numbered(view, "views", single)?;
         one.flags.extend(flags.into_iter().map(|(name, value)| (name, Some(value))));
         one.is_view = true;
         Ok(one)

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::names::{printable, utf8};
 use crate::batch::frames::Frames;
+use crate::batch::job::argument;
 use crate::batch::numbering::numbered;
 use crate::scene::import::read_own;
 use crate::{Error, Result};
@@ -136,10 +137,6 @@ impl Plan {
     fn add(&mut self, render: &Render, frames: Option<Frames>, program: &str, progress: &str) -> Result<()> {
         let parts = self.parts;
         let first = self.tasks.len();
-        let flag = |(name, value): &(String, Option<String>)| match value {
-            Some(value) => format!("--{name}={value}"),
-            None => format!("--{name}"),
-        };
         let which = frames.as_ref().map(|frames| format!("--frames={frames}"));
         let (of_merge, of_tasks): (Vec<_>, Vec<_>) =
             render.flags.iter().partition(|(name, _)| parts > 1 && FLAGS_OF_MERGE.contains(&name.as_str()));
@@ -150,7 +147,7 @@ impl Plan {
                 _ => self.folder.join("parts").join(format!("{}.{part}-of-{parts}.exr", render.name)),
             };
             let mut command = vec![program.into(), "render".into(), utf8(&render.scene)?.into()];
-            command.extend(of_tasks.iter().map(|f| flag(f)));
+            command.extend(of_tasks.iter().map(|f| argument(f)));
             command.extend(which.clone());
             if parts > 1 {
                 command.push(format!("--part={part}/{parts}"));
@@ -172,7 +169,7 @@ impl Plan {
             if !checkpoints {
                 command.push("--no-statistics".into());
             }
-            command.extend(of_merge.iter().filter(|(name, _)| name != "stats").map(|f| flag(f)));
+            command.extend(of_merge.iter().filter(|(name, _)| name != "stats").map(|f| argument(f)));
             command.push(format!("--output={}", utf8(&render.output)?));
             for task in &self.tasks[first..] {
                 command.push(utf8(&task.output)?.into());
