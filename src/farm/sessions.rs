@@ -1,7 +1,6 @@
 //! The record of a task's sessions next to its log, written by `farm task` and read by `farm status`.
 
 use std::fs::{self, File};
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
@@ -63,10 +62,9 @@ impl Sessions {
             paths,
             fruitless,
             log,
-            memory_raised: previous.memory_raised,
-            memory_raised_to: previous.memory_raised_to,
             out_of_memory: false,
             code: None,
+            ..previous
         }
     }
 
@@ -113,8 +111,7 @@ impl Sessions {
     /// # Errors
     /// Those of [`atomic::write`].
     pub fn write(&self, path: &Path) -> Result<()> {
-        let json = serde_json::to_vec_pretty(self).map_err(|e| Error::Bug(format!("JSON: {e}")))?;
-        atomic::write(path, |file| Ok(Ok(file.write_all(&json)?)))
+        atomic::write(path, |file| Ok(Ok(serde_json::to_writer_pretty(file, self)?)))
     }
 
     /// Gives a sign of life: sets the record's modification time. Failures are ignored.

@@ -1,15 +1,14 @@
 //! A plan as Slurm job arrays, and merges that depend on them.
 
-use std::io::Write;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
 use super::names::{printable, utf8};
 use super::plan::{PLAN, Plan};
+use crate::Result;
 use crate::film::atomic;
 use crate::scene::import::read_own;
-use crate::{Error, Result};
 
 /// Resources and options of each task.
 #[derive(Debug, Clone, Default)]
@@ -31,7 +30,7 @@ pub struct TaskOptions {
 /// Scripts of a plan's folder: name and content.
 ///
 /// # Errors
-/// [`Error::Usage`] for control characters in options, each of which is a line of the script.
+/// [`crate::Error::Usage`] for control characters in options, each of which is a line of the script.
 pub fn files(plan: &Plan, options: &TaskOptions) -> Result<Vec<(String, String)>> {
     options
         .others
@@ -173,8 +172,7 @@ impl Submitted {
     /// # Errors
     /// Those of [`atomic::write`].
     pub fn write(&self, folder: &Path) -> Result<()> {
-        let json = serde_json::to_vec_pretty(self).map_err(|e| Error::Bug(format!("JSON: {e}")))?;
-        atomic::write(&folder.join(SUBMITTED), |file| Ok(Ok(file.write_all(&json)?)))
+        atomic::write(&folder.join(SUBMITTED), |file| Ok(Ok(serde_json::to_writer_pretty(file, self)?)))
     }
 
     /// Whether a job ID is one of these.
