@@ -123,8 +123,8 @@ fn one(reader: &Reader, name: &str, kind: Flag, value: &Spanned<DeValue>) -> Fil
     match (kind, value.get_ref()) {
         (_, DeValue::String(text)) if text.contains(char::is_control) => Err(control(text)),
         (Flag::List(between), DeValue::Array(items)) if !items.is_empty() => {
-            let items: FileResult<Vec<_>> = items.iter().map(|item| scalar(reader, name, Flag::Value, item)).collect();
-            let items: Vec<_> = items?.into_iter().flatten().collect();
+            let items: FileResult<Vec<_>> = items.iter().map(|item| one(reader, name, Flag::Value, item)).collect();
+            let items: Vec<_> = items?.into_iter().flatten().flatten().collect();
             Ok(vec![Some(items.join(&between.to_string()))])
         }
         (Flag::Input, DeValue::String(pattern)) => {
@@ -138,6 +138,7 @@ fn one(reader: &Reader, name: &str, kind: Flag, value: &Spanned<DeValue>) -> Fil
     }
 }
 
+/// A value that is no list, without control characters.
 fn scalar(reader: &Reader, name: &str, kind: Flag, value: &Spanned<DeValue>) -> FileResult<Option<String>> {
     let wanted = |what: &str| Err((reader.location(value.span()), format!("`{name}` takes {what}")));
     match (kind, value.get_ref()) {
@@ -145,12 +146,9 @@ fn scalar(reader: &Reader, name: &str, kind: Flag, value: &Spanned<DeValue>) -> 
         (Flag::Switch, DeValue::Boolean(false)) => Ok(Some(String::new())),
         (Flag::Choice, DeValue::Boolean(choice)) => Ok(Some(choice.to_string())),
         (Flag::Mode, DeValue::Boolean(on)) => Ok(Some(if *on { "on" } else { "off" }.to_owned())),
-        (Flag::Mode, DeValue::String(word)) if !word.contains(char::is_control) => Ok(Some(word.to_string())),
+        (Flag::Mode, DeValue::String(word)) => Ok(Some(word.to_string())),
         (Flag::Switch | Flag::Choice, _) => wanted("true or false"),
         (Flag::Mode, _) => wanted("true, false or a word in quotes"),
-        (_, DeValue::String(text)) if text.contains(char::is_control) => {
-            Err((reader.location(value.span()), format!("`{name}` holds a control character: {text:?}")))
-        }
         (_, DeValue::String(text)) => Ok(Some(text.to_string())),
         (Flag::Value | Flag::List(_), DeValue::Integer(_) | DeValue::Float(_)) => {
             // The text as written, so that 1e-3 stays 1e-3.

@@ -15,7 +15,7 @@ use crate::film::atomic;
 use crate::film::exr_file::{CALIBRATION, HeaderValue, WORLD_TO_CAMERA, WORLD_TO_NDC};
 use crate::integrator::CameraRays;
 use crate::lanes::F;
-use crate::render::checkpoint::Earlier;
+use crate::render::checkpoint::{Earlier, text};
 use crate::scene::import::read_text;
 use crate::scene::{Calibration, FieldOfView, Orbit, PlacedCamera};
 use crate::{Error, Result};
@@ -342,10 +342,8 @@ fn view_of(picture: &Path) -> Option<View> {
     // The file has the pixels of the crop.
     let [x0, y0, x1, y1] = settings.window().map(f64::from);
     let window = [x0, y0, x1, y1];
-    let calibration = earlier.header.iter().find_map(|(name, value)| match value {
-        HeaderValue::Text(text) if name == CALIBRATION => serde_json::from_str::<Calibration>(text).ok(),
-        _ => None,
-    });
+    let calibration =
+        text(&earlier.header, CALIBRATION).and_then(|text| serde_json::from_str::<Calibration>(text).ok());
     let middle = [0.5 * w, 0.5 * h];
     let own = match (calibration, matrix(WORLD_TO_NDC).map(|to_picture| to_picture * to_camera.inverse())) {
         (Some(calibration), _) => Intrinsics::of(&calibration, window),

@@ -9,7 +9,8 @@ use indicatif::ProgressBar;
 use serde_json::json;
 
 use super::screen::{self, clock};
-use super::{escaped, say, writers};
+use super::writers::progress as out;
+use super::{escaped, say};
 use crate::Error;
 use crate::render::Progress;
 
@@ -219,10 +220,6 @@ impl Last {
         }
         (self.permille, due)
     }
-}
-
-fn out(line: &str) {
-    writers::progress(line);
 }
 
 /// Tells the scheduler why a render has failed, where this style does so.
