@@ -35,6 +35,8 @@ impl Frames {
         let range = |[first, last, step]: [u32; 3]| match (first == last, step) {
             (true, _) => first.to_string(),
             (false, 1) => format!("{first}-{last}"),
+            // Two numbers are a range only if they are consecutive.
+            (false, step) if last - first == step => format!("{first},{last}"),
             (false, step) => format!("{first}-{last}{by}{step}"),
         };
         Self::ranges_of(numbers).into_iter().map(range).collect::<Vec<_>>().join(",")
@@ -51,12 +53,7 @@ impl Frames {
                 _ => ranges.push([n, n, 1]),
             }
         }
-        // Two numbers are a range only if they are consecutive.
-        let pair = |[first, last, step]: &[u32; 3]| step > &1 && last - first == *step;
         ranges
-            .into_iter()
-            .flat_map(|r| if pair(&r) { vec![[r[0], r[0], 1], [r[1], r[1], 1]] } else { vec![r] })
-            .collect()
     }
 }
 

@@ -73,10 +73,7 @@ impl Sessions {
     /// # Errors
     /// [`Error::Host`].
     pub fn check_progress(&mut self) -> Result<()> {
-        match self.fruitless < MAX_FRUITLESS_SESSIONS {
-            true => Ok(()),
-            false => Err(self.no_progress()),
-        }
+        if self.fruitless < MAX_FRUITLESS_SESSIONS { Ok(()) } else { Err(self.no_progress()) }
     }
 
     /// Records the end of a session with an exit code and `paths` in the task's output.
@@ -87,10 +84,7 @@ impl Sessions {
         self.code = Some(code);
         // Not stored: the next session counts this one again when it begins.
         let fruitless = if paths <= self.paths { self.fruitless + 1 } else { 0 };
-        match code == INTERRUPTED && fruitless >= MAX_FRUITLESS_SESSIONS {
-            true => Err(self.no_progress()),
-            false => Ok(()),
-        }
+        if code == INTERRUPTED && fruitless >= MAX_FRUITLESS_SESSIONS { Err(self.no_progress()) } else { Ok(()) }
     }
 
     /// Resets the counts of a task that is held: somebody who releases it has changed something.

@@ -89,18 +89,12 @@ pub fn claim(path: &Path) -> Result<Claim> {
     let lock_file = folder_of(&target).join(lock_name(&target));
     // The file may be replaced or created between open and lock.
     for _ in 0..100 {
-        let (file, lock_path) =
-            match File::options().read(true).write(true).open(&target).or_else(|_| File::open(&target)) {
-                Ok(file) => (file, None),
-                Err(_) => match open_guessable(
-                    File::options().create(true).truncate(false).write(true).mode(0o600),
-                    &lock_file,
-                ) {
-                    Ok(file) => (file, Some(lock_file.clone())),
-                    // `atomic::check` reports the reason.
-                    Err(_) => return Ok(claim),
-                },
-            };
+        let output = File::options().read(true).write(true).open(&target).or_else(|_| File::open(&target)).ok();
+        let lock_path = output.is_none().then(|| lock_file.clone());
+        let mut beside = File::options();
+        beside.create(true).truncate(false).write(true).mode(0o600);
+        // `atomic::check` reports why it cannot be created.
+        let Some(file) = output.or_else(|| open_guessable(&mut beside, &lock_file).ok()) else { return Ok(claim) };
         match file.try_lock() {
             // Somebody who may only read it: no bismar takes a shared lock.
             Err(TryLockError::WouldBlock) if file.try_lock_shared().is_ok() => return Ok(claim),
