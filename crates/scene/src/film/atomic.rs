@@ -158,7 +158,6 @@ mod tests {
         assert_eq!(error.exit_code(), 74);
     }
 
-    #[cfg(unix)]
     #[test]
     fn a_link_stays_a_link_and_permissions_follow_the_umask() {
         let folder = tempfile::tempdir().unwrap();

@@ -73,7 +73,7 @@ type Fits<'a> = dyn Fn(u64, u64) -> std::result::Result<(), String> + 'a;
 /// # Errors
 /// The errors of [`read()`].
 pub fn read_header(path: &Path) -> Outcome<Header> {
-    let meta = read_meta(path, open(path)?)?;
+    let meta = read_meta(path, &open(path)?)?;
     let Some(first) = meta.headers.first() else { return Ok(Header::new()) };
     let ours = first.own_attributes.other.iter().filter_map(|(name, value)| {
         let name = string(name);
@@ -102,16 +102,16 @@ pub fn read_header(path: &Path) -> Outcome<Header> {
 /// # Errors
 /// The errors of [`read()`].
 pub fn channels(path: &Path) -> Outcome<Vec<String>> {
-    Ok(read_meta(path, open(path)?)?.headers.iter().flat_map(names).collect())
+    Ok(read_meta(path, &open(path)?)?.headers.iter().flat_map(names).collect())
 }
 
 fn open(path: &Path) -> Outcome<File> {
     File::open(path).map_err(|e| Error::reading(path, &e))
 }
 
-fn read_meta(path: &Path, file: File) -> Outcome<MetaData> {
-    check_head(path, &file)?;
-    (&file).rewind().map_err(|e| Error::reading(path, &e))?;
+fn read_meta(path: &Path, mut file: &File) -> Outcome<MetaData> {
+    check_head(path, file)?;
+    file.rewind().map_err(|e| Error::reading(path, &e))?;
     let mut failed = None;
     let read = || match MetaData::read_from_buffered(BufReader::new(file), false) {
         Err(ExrError::Io(e)) if e.kind() != ErrorKind::UnexpectedEof => {
@@ -134,7 +134,7 @@ fn read_meta(path: &Path, file: File) -> Outcome<MetaData> {
 pub fn read_statistics(path: &Path) -> Outcome<Option<Vec<u8>>> {
     let mut file = open(path)?;
     let failed = |e| Error::reading(path, &e);
-    let meta = read_meta(path, file.try_clone().map_err(failed)?)?;
+    let meta = read_meta(path, &file)?;
     let refused = |why: &str| cannot_use(path, why);
     let Some((length, hash)) =
         meta.headers.first().map(statistics_hash).transpose().map_err(|e| refused(&e.to_string()))?.flatten()

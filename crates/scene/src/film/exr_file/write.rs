@@ -34,15 +34,9 @@ pub struct Layers<'a> {
     pub denoised: &'a [(String, Vec<[f32; 3]>)],
 }
 
-impl<'a, const N: usize> From<&'a [Aov; N]> for Layers<'a> {
-    fn from(aovs: &'a [Aov; N]) -> Self {
-        Layers { aovs, ..Default::default() }
-    }
-}
-
-impl<'a> From<&'a [Aov]> for Layers<'a> {
-    fn from(aovs: &'a [Aov]) -> Self {
-        Layers { aovs, ..Default::default() }
+impl<'a, T: AsRef<[Aov]> + ?Sized> From<&'a T> for Layers<'a> {
+    fn from(aovs: &'a T) -> Self {
+        Layers { aovs: aovs.as_ref(), ..Default::default() }
     }
 }
 
