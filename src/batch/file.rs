@@ -7,10 +7,10 @@ use std::path::Path;
 use toml::de::{DeTable, DeValue};
 
 use super::frames::split;
-use super::job::{Job, SourceLocation};
+use super::job::{Job, Location, SourceLocation};
 use super::numbering::{OTHER_OUTPUTS, with_placeholder};
 pub use super::values::Flag;
-use super::values::{FileResult, Location, Reader, Setting, settings, sorted};
+use super::values::{FileResult, Reader, Setting, settings, sorted};
 use super::views::SPLITTING;
 use crate::film::lut::is_lut;
 use crate::scene::import::read_text;
@@ -73,10 +73,10 @@ fn parse(text: &str, folder: &Path, flags: &HashMap<String, Flag>) -> FileResult
     }
     let mut all = Vec::new();
     for job in &jobs {
-        all.extend(split(job.clone()).map_err(|(key, why)| (job.location.of_key(Some(&key)), why))?);
+        all.extend(split(job.clone()).map_err(|(key, why)| (job.location.of_key(&key), why))?);
         if all.len() > MAX_JOBS {
             let why = format!("with its frames this makes more than {MAX_JOBS} jobs");
-            return Err((job.location.of_key(None), why));
+            return Err((job.location.at, why));
         }
     }
     check_unique(&all)?;
@@ -195,7 +195,7 @@ impl Reader<'_> {
             flags.push((key.to_owned(), value));
         }
         let keys = settings.iter().map(|s| (s.key.clone(), s.location)).collect();
-        let location = SourceLocation { line: at.0, column: at.1, keys };
+        let location = SourceLocation { at, keys };
         Ok(Job { name, scene: self.folder.join(scene), flags, output, location, is_view: false })
     }
 }
@@ -203,9 +203,9 @@ impl Reader<'_> {
 fn check_unique(jobs: &[Job]) -> FileResult<()> {
     let (mut names, mut files): (HashMap<&str, &Job>, HashMap<&str, &Job>) = Default::default();
     for job in jobs {
-        let at = job.location.of_key(None);
+        let at = job.location.at;
         if let Some(other) = names.insert(&job.name, job) {
-            let why = format!("two jobs are called '{}' (the other is in line {})", job.name, other.location.line);
+            let why = format!("two jobs are called '{}' (the other is in line {})", job.name, other.location.at.0);
             let help = "give the group a `name` with every key that differs, as in \"{scene}-{seed}\"";
             return Err((at, format!("{why}; {help}")));
         }

@@ -44,15 +44,16 @@ mod any_path {
     }
 }
 
-/// Location of a job in its batch file: line and column from 1, and those of its keys.
+/// Line and column of a text, from 1; columns are characters.
+pub type Location = (usize, usize);
+
+/// Location of a job in its batch file.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct SourceLocation {
-    /// Line from 1.
-    pub line: usize,
-    /// Column from 1, in characters.
-    pub column: usize,
-    /// Line and column by key.
-    pub keys: HashMap<String, (usize, usize)>,
+    /// That of the job.
+    pub at: Location,
+    /// Those of its keys.
+    pub keys: HashMap<String, Location>,
 }
 
 /// A flag as an argument of `bismar render`: `--name=value`, `--name`.
@@ -95,13 +96,13 @@ impl Job {
 
 impl SourceLocation {
     /// Line and column of a key, or of the job if it has no such key.
-    pub fn of_key(&self, key: Option<&str>) -> (usize, usize) {
-        key.and_then(|key| self.keys.get(key)).copied().unwrap_or((self.line, self.column))
+    pub fn of_key(&self, key: &str) -> Location {
+        self.keys.get(key).copied().unwrap_or(self.at)
     }
 
     /// `file:line:column` of a key, or of the job if it has no such key.
     pub fn text(&self, file: &Path, key: Option<&str>) -> String {
-        let (line, column) = self.of_key(key);
+        let (line, column) = key.map_or(self.at, |key| self.of_key(key));
         format!("{}:{line}:{column}", file.display())
     }
 }

@@ -7,6 +7,8 @@ use std::path::{Path, PathBuf};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
+use super::job::Location;
+
 /// Kind of a flag in a batch file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Flag {
@@ -25,9 +27,6 @@ pub enum Flag {
     /// A boolean value, which stands for on or off, or a word.
     Mode,
 }
-
-/// Line and column of the text, from 1.
-pub type Location = (usize, usize);
 
 /// Result with an error of the file, and where it is.
 pub type FileResult<T> = std::result::Result<T, (Location, String)>;
