@@ -136,10 +136,11 @@ pub fn read_statistics(path: &Path) -> Outcome<Option<Vec<u8>>> {
     let failed = |e| Error::reading(path, &e);
     let meta = read_meta(path, &file)?;
     let refused = |why: &str| cannot_use(path, why);
-    let Some((length, hash)) =
-        meta.headers.first().map(statistics_hash).transpose().map_err(|e| refused(&e.to_string()))?.flatten()
-    else {
-        return Ok(None);
+    let Some(header) = meta.headers.first() else { return Ok(None) };
+    let (length, hash) = match (attribute(header, LENGTH), attribute(header, HASH)) {
+        (None, None) => return Ok(None),
+        (Some(AttributeValue::F64(length)), Some(AttributeValue::Text(hash))) => (*length as u64, hash.to_string()),
+        _ => return Err(refused("invalid: its statistics have no length or hash")),
     };
     let all = file.metadata().map_err(failed)?.len();
     let start = all.checked_sub(length).ok_or_else(|| refused("its statistics are cut off"))?;
@@ -149,17 +150,6 @@ pub fn read_statistics(path: &Path) -> Outcome<Option<Vec<u8>>> {
         return Err(refused("its statistics are not those that were written: the file is damaged"));
     }
     Ok(Some(bytes))
-}
-
-/// Length and hash of the statistics of a part, if there are any.
-fn statistics_hash(header: &ExrHeader) -> Result<Option<(u64, String)>> {
-    match (attribute(header, LENGTH), attribute(header, HASH)) {
-        (None, None) => Ok(None),
-        (Some(AttributeValue::F64(length)), Some(AttributeValue::Text(hash))) => {
-            Ok(Some((*length as u64, hash.to_string())))
-        }
-        _ => Err(invalid("its statistics have no length or hash")),
-    }
 }
 
 /// Length of a picture's file in bytes.
