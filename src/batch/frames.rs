@@ -124,14 +124,12 @@ impl TryFrom<String> for Frames {
 ///
 /// # Errors
 /// A flag and what is wrong with it.
-pub fn split(job: Job) -> Result<Vec<Job>, (String, String)> {
+pub fn split(mut job: Job) -> Result<Vec<Job>, (String, String)> {
     if job.flags.iter().any(|(name, _)| SPLITTING.contains(&name.as_str())) {
         return views::split(job);
     }
-    let Some(at) = job.flags.iter().position(|(name, _)| name == "frames") else { return Ok(vec![job]) };
-    let mut job = job;
-    let (flag, text) = job.flags.remove(at);
-    let frames: Frames = text.unwrap_or_default().parse().map_err(|why| (flag.clone(), format!("`frames`: {why}")))?;
+    let Some(text) = job.take("frames") else { return Ok(vec![job]) };
+    let frames: Frames = text.parse().map_err(|why| ("frames".to_owned(), format!("`frames`: {why}")))?;
     let has_seed_flag = job.flags.iter().any(|(name, _)| name == "seed-per-frame");
     let one = |&frame: &u32| -> Result<Job, (String, String)> {
         let mut one = job.numbered(frame, "frames", false)?;

@@ -70,6 +70,12 @@ impl Job {
         self.flags.iter().map(argument).collect()
     }
 
+    /// Takes a flag out of the job; returns its value.
+    pub fn take(&mut self, flag: &str) -> Option<String> {
+        let at = self.flags.iter().position(|(name, _)| name == flag)?;
+        self.flags.remove(at).1
+    }
+
     /// The job with a number in its name and in those of its files. `all` says what is numbered; names of files need no
     /// place for the number if there is a `single` one.
     ///

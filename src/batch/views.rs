@@ -243,19 +243,14 @@ pub fn intrinsics(calibration: &Calibration) -> Result<String> {
 ///
 /// # Errors
 /// A flag and what is wrong with it.
-pub fn split(job: Job) -> std::result::Result<Vec<Job>, (String, String)> {
+pub fn split(mut job: Job) -> std::result::Result<Vec<Job>, (String, String)> {
     let Some(at) = job.flags.iter().position(|(name, _)| SPLITTING.contains(&name.as_str())) else {
         return Ok(vec![job]);
     };
-    let mut job = job;
     let (flag, text) = job.flags.remove(at);
     let text = text.unwrap_or_default();
     let err = |why: String| (flag.clone(), format!("`{flag}`: {why}"));
-    let mut take = |name: &str| {
-        let at = job.flags.iter().position(|(flag, _)| flag == name)?;
-        job.flags.remove(at).1
-    };
-    if take("frames").is_some() || SPLITTING.iter().any(|other| take(other).is_some()) {
+    if job.take("frames").is_some() || SPLITTING.iter().any(|other| job.take(other).is_some()) {
         return Err(err("only one of `frames`, `turntable` and `cameras` can make a sequence".into()));
     }
     let (views, single) = if flag == "turntable" {
@@ -264,7 +259,7 @@ pub fn split(job: Job) -> std::result::Result<Vec<Job>, (String, String)> {
             .ok()
             .filter(|n| (1..=MAX_VIEWS).contains(n))
             .ok_or_else(|| err(format!("'{text}' is not a number of views from 1 to {MAX_VIEWS}")))?;
-        let first: Orbit = take("orbit").unwrap_or("0,20".into()).parse().map_err(err)?;
+        let first: Orbit = job.take("orbit").unwrap_or("0,20".into()).parse().map_err(err)?;
         let orbit = |k: u32| Orbit { azimuth: first.azimuth + 360.0 * f64::from(k) / f64::from(count), ..first };
         let views = (0..count).map(|k| (k, vec![("orbit".to_owned(), orbit(k).to_string())]));
         (views.collect::<Vec<_>>(), false)
@@ -276,7 +271,7 @@ pub fn split(job: Job) -> std::result::Result<Vec<Job>, (String, String)> {
         }
         let mut cameras = read(file).map_err(|e| err(e.to_string()))?;
         let names: Vec<String> = cameras.iter().map(|c| c.camera.name.clone()).collect();
-        let chosen = take("camera");
+        let chosen = job.take("camera");
         let index = |wanted: &String| crate::scene::choose("camera", wanted, &names).map_err(|e| err(e.to_string()));
         let first = chosen.as_ref().map(index).transpose()?;
         if let Some(index) = first {

@@ -106,8 +106,7 @@ impl Plan {
                 )));
             }
             let mut render = render.clone();
-            let frames = render.flags.iter().position(|(flag, _)| flag == "frames");
-            match frames.and_then(|at| render.flags.remove(at).1) {
+            match render.take("frames") {
                 None => plan.add(&render, None, utf8(program)?, progress)?,
                 Some(frames) => {
                     let frames: Frames = frames.parse().map_err(|why| Error::Usage(format!("--frames: {why}")))?;
