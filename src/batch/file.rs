@@ -7,10 +7,10 @@ use std::path::Path;
 use toml::de::{DeTable, DeValue};
 
 use super::frames::split;
-use super::job::{Job, SourceLocation};
-use super::numbering::with_placeholder;
+use super::job::{Job, Location, SourceLocation};
+use super::numbering::{OTHER_OUTPUTS, with_placeholder};
 pub use super::values::Flag;
-use super::values::{FileResult, Reader, Setting, position, settings, sorted};
+use super::values::{FileResult, Reader, Setting, settings, sorted};
 use super::views::SPLITTING;
 use crate::film::lut::is_lut;
 use crate::scene::import::read_text;
@@ -27,64 +27,61 @@ pub fn read(path: &Path, flags: &HashMap<String, Flag>) -> Result<Vec<Job>> {
     let text = String::from_utf8(read_text(path)?);
     let text = text.map_err(|_| Error::Config(format!("{}: not UTF-8 text", path.display())))?;
     let folder = path.parent().unwrap_or(Path::new(""));
-    parse(&text, folder, flags).map_err(|(at, why)| {
-        let (line, column) = position(&text, at);
-        Error::Config(format!("{}:{line}:{column}: {why}", path.display()))
-    })
+    parse(&text, folder, flags)
+        .map_err(|((line, column), why)| Error::Config(format!("{}:{line}:{column}: {why}", path.display())))
 }
 
 fn parse(text: &str, folder: &Path, flags: &HashMap<String, Flag>) -> FileResult<Vec<Job>> {
-    let table = DeTable::parse(text)
-        .map_err(|e| (e.span().map_or(0, |s| s.start), e.message().trim_end().replace('\n', "; ")))?;
     let reader = Reader { text, lines: lines(text), folder, flags };
+    let table = DeTable::parse(text)
+        .map_err(|e| (reader.location(e.span().unwrap_or_default()), e.message().trim_end().replace('\n', "; ")))?;
     let mut defaults = Vec::new();
     let mut groups = Vec::new();
     for (key, value) in sorted(table.get_ref()) {
         match key.get_ref().as_ref() {
             "defaults" => {
                 let DeValue::Table(table) = value.get_ref() else {
-                    return Err((value.span().start, "expected a table: [defaults]".into()));
+                    return Err((reader.location(value.span()), "expected a table: [defaults]".into()));
                 };
                 defaults = settings(&reader, table, false)?;
                 if let Some(setting) = defaults.iter().find(|s| s.key == "name") {
-                    return Err((reader.byte(setting.location), "a name belongs to one job or matrix".into()));
+                    return Err((setting.location, "a name belongs to one job or matrix".into()));
                 }
             }
             kind @ ("job" | "matrix") => {
                 let DeValue::Array(tables) = value.get_ref() else {
-                    return Err((value.span().start, format!("expected an array of tables: [[{kind}]]")));
+                    return Err((reader.location(value.span()), format!("expected an array of tables: [[{kind}]]")));
                 };
                 for table in tables {
                     let DeValue::Table(entries) = table.get_ref() else {
-                        return Err((table.span().start, format!("expected a table: [[{kind}]]")));
+                        return Err((reader.location(table.span()), format!("expected a table: [[{kind}]]")));
                     };
-                    groups.push((table.span(), settings(&reader, entries, kind == "matrix")?));
+                    groups.push((reader.location(table.span()), settings(&reader, entries, kind == "matrix")?));
                 }
             }
             other => {
                 let why = format!("there is no `{other}`; there are [defaults], [[job]] and [[matrix]]");
-                return Err((key.span().start, why));
+                return Err((reader.location(key.span()), why));
             }
         }
     }
     // TOML groups all [[job]] before all [[matrix]]; jobs are in the order of the file.
-    groups.sort_by_key(|(span, _)| span.start);
+    groups.sort_by_key(|(at, _)| *at);
     let mut jobs: Vec<Job> = Vec::new();
-    for (span, own) in groups {
-        reader.expand(span, &defaults, own, &mut jobs)?;
+    for (at, own) in groups {
+        reader.expand(at, &defaults, own, &mut jobs)?;
     }
     let mut all = Vec::new();
     for job in &jobs {
-        let frames = split(job.clone()).map_err(|(key, why)| (reader.byte(job.location.of_key(Some(&key))), why))?;
-        all.extend(frames);
+        all.extend(split(job.clone()).map_err(|(key, why)| (job.location.of_key(&key), why))?);
         if all.len() > MAX_JOBS {
-            let at = reader.byte(job.location.of_key(None));
-            return Err((at, format!("with its frames this makes more than {MAX_JOBS} jobs")));
+            let why = format!("with its frames this makes more than {MAX_JOBS} jobs");
+            return Err((job.location.at, why));
         }
     }
-    reader.check_unique(&all)?;
+    check_unique(&all)?;
     if jobs.is_empty() {
-        return Err((0, "no jobs; write [[job]] or [[matrix]]".into()));
+        return Err(((1, 1), "no jobs; write [[job]] or [[matrix]]".into()));
     }
     Ok(jobs)
 }
@@ -95,33 +92,21 @@ fn lines(text: &str) -> Vec<usize> {
 }
 
 impl Reader<'_> {
-    /// Line and column of a byte of the text, as [`position`].
-    pub(super) fn position(&self, byte: usize) -> (usize, usize) {
-        let line = self.lines.partition_point(|start| *start <= byte);
-        let before = self.text.get(self.lines[line - 1]..byte).unwrap_or_default();
+    /// Where a range of bytes of the text begins.
+    pub(super) fn location(&self, Range { start, .. }: Range<usize>) -> Location {
+        let line = self.lines.partition_point(|line| *line <= start);
+        let before = self.text.get(self.lines[line - 1]..start).unwrap_or_default();
         (line, before.chars().count() + 1)
     }
 
-    /// Byte of the text at a line and column.
-    fn byte(&self, (line, column): (usize, usize)) -> usize {
-        let start = self.lines[line - 1];
-        start + self.text[start..].chars().take(column - 1).map(char::len_utf8).sum::<usize>()
-    }
-
     /// Adds a job for every combination of a group's values; the group's keys override the defaults.
-    fn expand(
-        &self,
-        span: Range<usize>,
-        defaults: &[Setting],
-        own: Vec<Setting>,
-        jobs: &mut Vec<Job>,
-    ) -> FileResult<()> {
+    fn expand(&self, at: Location, defaults: &[Setting], own: Vec<Setting>, jobs: &mut Vec<Job>) -> FileResult<()> {
         let mut settings: Vec<Setting> =
             defaults.iter().filter(|d| own.iter().all(|o| o.key != d.key)).cloned().collect();
         settings.extend(own);
         let count = settings.iter().try_fold(1_usize, |n, s| n.checked_mul(s.values.len()));
         let Some(count) = count.filter(|n| n + jobs.len() <= MAX_JOBS) else {
-            return Err((span.start, format!("this makes more than {MAX_JOBS} jobs")));
+            return Err((at, format!("this makes more than {MAX_JOBS} jobs")));
         };
         for number in 0..count {
             // The last key varies fastest.
@@ -131,15 +116,15 @@ impl Reader<'_> {
                 slot.clone_from(&setting.values[rest % setting.values.len()]);
                 rest /= setting.values.len();
             }
-            jobs.push(self.job(&span, &settings, &chosen)?);
+            jobs.push(self.job(at, &settings, &chosen)?);
         }
         Ok(())
     }
 
-    fn job(&self, span: &Range<usize>, settings: &[Setting], chosen: &[Option<String>]) -> FileResult<Job> {
+    fn job(&self, at: Location, settings: &[Setting], chosen: &[Option<String>]) -> FileResult<Job> {
         let value_of = |key: &str| settings.iter().zip(chosen).find(|(s, _)| s.key == key).and_then(|(_, v)| v.clone());
         let Some(scene) = value_of("scene") else {
-            return Err((span.start, "no `scene`, neither here nor in [defaults]".into()));
+            return Err((at, "no `scene`, neither here nor in [defaults]".into()));
         };
         let kind = |key: &str| if key == "scene" { Some(Flag::Input) } else { self.flags.get(key).copied() };
         let shown = |key: &str, value: &Option<String>| match (kind(key), value) {
@@ -156,7 +141,7 @@ impl Reader<'_> {
         };
         let sequence = settings.iter().any(|s| s.key == "frames" || SPLITTING.contains(&s.key.as_str()));
         let fill = |key: &str, template: &str, name: Option<&str>| -> FileResult<String> {
-            let at = settings.iter().find(|s| s.key == key).map_or(span.start, |s| self.byte(s.location));
+            let at = settings.iter().find(|s| s.key == key).map_or(at, |s| s.location);
             let mut out = String::new();
             let mut rest = template;
             while let Some((before, after)) = rest.split_once('{') {
@@ -183,7 +168,7 @@ impl Reader<'_> {
         };
         let name = if sequence { with_placeholder(name) } else { name };
         if name.is_empty() || name.contains('/') || name.starts_with('.') {
-            return Err((span.start, format!("'{name}' cannot be a job's name, because it becomes a file name")));
+            return Err((at, format!("'{name}' cannot be a job's name, because it becomes a file name")));
         }
         let mut flags = Vec::new();
         let mut output = self.folder.join(format!("{name}.exr"));
@@ -201,7 +186,7 @@ impl Reader<'_> {
                     }
                     let Some(path) = path.to_str() else {
                         let why = format!("`{key}`: {path:?} is not UTF-8; rename the folder");
-                        return Err((self.byte(setting.location), why));
+                        return Err((setting.location, why));
                     };
                     Some(path.to_owned())
                 }
@@ -209,34 +194,31 @@ impl Reader<'_> {
             };
             flags.push((key.to_owned(), value));
         }
-        let (line, column) = self.position(span.start);
         let keys = settings.iter().map(|s| (s.key.clone(), s.location)).collect();
-        let location = SourceLocation { line, column, keys };
+        let location = SourceLocation { at, keys };
         Ok(Job { name, scene: self.folder.join(scene), flags, output, location, is_view: false })
     }
+}
 
-    fn check_unique(&self, jobs: &[Job]) -> FileResult<()> {
-        let (mut names, mut files): (HashMap<&str, &Job>, HashMap<&str, &Job>) = Default::default();
-        for job in jobs {
-            let at = || self.byte(job.location.of_key(None));
-            if let Some(other) = names.insert(&job.name, job) {
-                let why = format!("two jobs are called '{}' (the other is in line {})", job.name, other.location.line);
-                return Err((
-                    at(),
-                    format!("{why}; give the group a `name` with every key that differs, as in \"{{scene}}-{{seed}}\""),
-                ));
-            }
-            let written = job.flags.iter().filter(|(key, _)| key == "preview" || key == "stats");
-            let written = written.filter_map(|(_, value)| value.as_deref());
-            for file in written.chain(job.output.to_str()) {
-                if let Some(other) = files.insert(file, job) {
-                    let why = format!("'{}' and '{}' both write {file}", other.name, job.name);
-                    return Err((at(), format!("{why}; put the job's name into outputs, as in \"out/{{name}}.exr\"")));
-                }
+fn check_unique(jobs: &[Job]) -> FileResult<()> {
+    let (mut names, mut files): (HashMap<&str, &Job>, HashMap<&str, &Job>) = Default::default();
+    for job in jobs {
+        let at = job.location.at;
+        if let Some(other) = names.insert(&job.name, job) {
+            let why = format!("two jobs are called '{}' (the other is in line {})", job.name, other.location.at.0);
+            let help = "give the group a `name` with every key that differs, as in \"{scene}-{seed}\"";
+            return Err((at, format!("{why}; {help}")));
+        }
+        let written = job.flags.iter().filter(|(key, _)| OTHER_OUTPUTS.contains(&key.as_str()));
+        let written = written.filter_map(|(_, value)| value.as_deref());
+        for file in written.chain(job.output.to_str()) {
+            if let Some(other) = files.insert(file, job) {
+                let why = format!("'{}' and '{}' both write {file}", other.name, job.name);
+                return Err((at, format!("{why}; put the job's name into outputs, as in \"out/{{name}}.exr\"")));
             }
         }
-        Ok(())
     }
+    Ok(())
 }
 
 #[cfg(test)]

@@ -2,13 +2,11 @@
 
 use std::collections::BTreeSet;
 use std::fmt;
-use std::path::Path;
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
 use super::job::Job;
-use super::numbering::{OTHER_OUTPUTS, numbered, numbered_name, with_placeholder};
 use super::views::{self, SPLITTING};
 
 /// Frame numbers in the order in which they are rendered; at least one, none twice. Text form: `1-240x2,250`.
@@ -37,6 +35,8 @@ impl Frames {
         let range = |[first, last, step]: [u32; 3]| match (first == last, step) {
             (true, _) => first.to_string(),
             (false, 1) => format!("{first}-{last}"),
+            // Two numbers are a range only if they are consecutive.
+            (false, step) if last - first == step => format!("{first},{last}"),
             (false, step) => format!("{first}-{last}{by}{step}"),
         };
         Self::ranges_of(numbers).into_iter().map(range).collect::<Vec<_>>().join(",")
@@ -53,12 +53,7 @@ impl Frames {
                 _ => ranges.push([n, n, 1]),
             }
         }
-        // Two numbers are a range only if they are consecutive.
-        let pair = |[first, last, step]: &[u32; 3]| step > &1 && last - first == *step;
         ranges
-            .into_iter()
-            .flat_map(|r| if pair(&r) { vec![[r[0], r[0], 1], [r[1], r[1], 1]] } else { vec![r] })
-            .collect()
     }
 }
 
@@ -129,29 +124,15 @@ impl TryFrom<String> for Frames {
 ///
 /// # Errors
 /// A flag and what is wrong with it.
-pub fn split(job: Job) -> Result<Vec<Job>, (String, String)> {
+pub fn split(mut job: Job) -> Result<Vec<Job>, (String, String)> {
     if job.flags.iter().any(|(name, _)| SPLITTING.contains(&name.as_str())) {
         return views::split(job);
     }
-    let Some(at) = job.flags.iter().position(|(name, _)| name == "frames") else { return Ok(vec![job]) };
-    let mut job = job;
-    let (flag, text) = job.flags.remove(at);
-    let frames: Frames = text.unwrap_or_default().parse().map_err(|why| (flag.clone(), format!("`frames`: {why}")))?;
+    let Some(text) = job.take("frames") else { return Ok(vec![job]) };
+    let frames: Frames = text.parse().map_err(|why| ("frames".to_owned(), format!("`frames`: {why}")))?;
     let has_seed_flag = job.flags.iter().any(|(name, _)| name == "seed-per-frame");
-    let no_placeholder = |name: &str, file: &Path| {
-        let why =
-            format!("{} names one file for all frames; write their number as #### or {{frame:04}}", file.display());
-        (name.to_owned(), format!("`{name}`: {why}"))
-    };
     let one = |&frame: &u32| -> Result<Job, (String, String)> {
-        let mut one = job.clone();
-        one.name = numbered_name(&with_placeholder(job.name.clone()), frame).unwrap_or_default();
-        one.output = numbered(&job.output, frame).ok_or_else(|| no_placeholder("output", &job.output))?;
-        for (name, value) in one.flags.iter_mut().filter(|(name, _)| OTHER_OUTPUTS.contains(&name.as_str())) {
-            let Some(file) = value else { continue };
-            let path = numbered(Path::new(&file), frame).ok_or_else(|| no_placeholder(name, Path::new(&file)))?;
-            *file = path.to_string_lossy().into_owned();
-        }
+        let mut one = job.numbered(frame, "frames", false)?;
         one.flags.push(("frame".into(), Some(frame.to_string())));
         if !has_seed_flag {
             one.flags.push(("seed-per-frame".into(), Some("true".into())));

@@ -7,6 +7,7 @@ use std::os::unix::ffi::{OsStrExt, OsStringExt};
 use std::path::{Path, PathBuf};
 
 use crate::Error;
+use crate::film::atomic::folder_of;
 
 /// Output flags, besides the picture, whose file names hold the number of the frame or view.
 pub(super) const OTHER_OUTPUTS: [&str; 2] = ["preview", "stats"];
@@ -69,7 +70,7 @@ pub fn number_of(pattern: &Path, name: &Path) -> Option<u32> {
 /// # Errors
 /// [`Error::reading`] of the folder.
 pub fn present(pattern: &Path) -> Result<Vec<u32>, Error> {
-    let folder = pattern.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let folder = folder_of(pattern);
     let entries = fs::read_dir(folder).map_err(|e| Error::reading(folder, &e))?;
     let names = entries.flatten().map(|entry| pattern.with_file_name(entry.file_name()));
     let mut numbers: Vec<u32> = names.filter_map(|name| number_of(pattern, &name)).collect();

@@ -1,6 +1,7 @@
 //! Work queue over a list of jobs, and a cache of what jobs share.
 
 use std::collections::HashMap;
+use std::iter::repeat_with;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
@@ -9,15 +10,7 @@ use std::thread;
 /// the system refuses to start them.
 pub fn each(jobs: usize, workers: usize, work: &(dyn Fn(usize) + Sync)) {
     let next = AtomicUsize::new(0);
-    let run = || {
-        loop {
-            let job = next.fetch_add(1, Ordering::Relaxed);
-            if job >= jobs {
-                break;
-            }
-            work(job);
-        }
-    };
+    let run = || repeat_with(|| next.fetch_add(1, Ordering::Relaxed)).take_while(|job| *job < jobs).for_each(work);
     thread::scope(|scope| {
         for _ in 1..workers.min(jobs) {
             let _ = thread::Builder::new().spawn_scoped(scope, run);

@@ -7,6 +7,8 @@ use std::path::{Path, PathBuf};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
+use super::job::Location;
+
 /// Kind of a flag in a batch file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Flag {
@@ -26,15 +28,8 @@ pub enum Flag {
     Mode,
 }
 
-/// Result with an error of the file: byte of the text, and message.
-pub type FileResult<T> = std::result::Result<T, (usize, String)>;
-
-/// Line and column, from 1, of a byte of the text.
-pub fn position(text: &str, byte: usize) -> (usize, usize) {
-    let before = text.get(..byte).unwrap_or(text);
-    let line = before.rfind('\n').map_or(before, |at| &before[at + 1..]);
-    (before.matches('\n').count() + 1, line.chars().count() + 1)
-}
+/// Result with an error of the file, and where it is.
+pub type FileResult<T> = std::result::Result<T, (Location, String)>;
 
 /// A batch file that is being read.
 pub struct Reader<'a> {
@@ -53,8 +48,8 @@ pub struct Setting {
     pub values: Vec<Option<String>>,
     /// Whether the values are a list (or wildcards) of a matrix.
     pub listed: bool,
-    /// Line and column in the file, from 1.
-    pub location: (usize, usize),
+    /// Where its key is in the file.
+    pub location: Location,
 }
 
 /// A table's entries in the order of the file.
@@ -74,7 +69,7 @@ pub fn settings(reader: &Reader, table: &DeTable, several: bool) -> FileResult<V
 
 fn setting(reader: &Reader, key: &Spanned<Cow<str>>, value: &Spanned<DeValue>, several: bool) -> FileResult<Setting> {
     let name = key.get_ref().to_string();
-    let wrong = |why: String| Err((value.span().start, why));
+    let wrong = |why: String| Err((reader.location(value.span()), why));
     let kind = match (name.as_str(), reader.flags.get(&name)) {
         ("name", _) => Flag::Value,
         ("scene", _) => Flag::Input,
@@ -83,7 +78,8 @@ fn setting(reader: &Reader, key: &Spanned<Cow<str>>, value: &Spanned<DeValue>, s
             let mut known: Vec<_> = reader.flags.keys().map(String::as_str).collect();
             known.extend(["name", "scene"]);
             known.sort_unstable();
-            return Err((key.span().start, format!("there is no key `{name}`; there are {}", known.join(", "))));
+            let why = format!("there is no key `{name}`; there are {}", known.join(", "));
+            return Err((reader.location(key.span()), why));
         }
     };
     let one = |item| one(reader, &name, kind, item);
@@ -112,7 +108,7 @@ fn setting(reader: &Reader, key: &Spanned<Cow<str>>, value: &Spanned<DeValue>, s
             (values, many)
         }
     };
-    Ok(Setting { key: name, values, listed, location: reader.position(key.span().start) })
+    Ok(Setting { key: name, values, listed, location: reader.location(key.span()) })
 }
 
 fn text<'a>(value: &'a Spanned<DeValue>) -> Option<&'a str> {
@@ -121,17 +117,17 @@ fn text<'a>(value: &'a Spanned<DeValue>) -> Option<&'a str> {
 
 /// A value of a flag; several for wildcards.
 fn one(reader: &Reader, name: &str, kind: Flag, value: &Spanned<DeValue>) -> FileResult<Vec<Option<String>>> {
-    let control = |text: &str| (value.span().start, format!("`{name}` holds a control character: {text:?}"));
+    let wrong = |why: String| (reader.location(value.span()), why);
+    let control = |text: &str| wrong(format!("`{name}` holds a control character: {text:?}"));
     match (kind, value.get_ref()) {
         (_, DeValue::String(text)) if text.contains(char::is_control) => Err(control(text)),
         (Flag::List(between), DeValue::Array(items)) if !items.is_empty() => {
-            let items: FileResult<Vec<_>> = items.iter().map(|item| scalar(reader, name, Flag::Value, item)).collect();
-            let items: Vec<_> = items?.into_iter().flatten().collect();
+            let items: FileResult<Vec<_>> = items.iter().map(|item| one(reader, name, Flag::Value, item)).collect();
+            let items: Vec<_> = items?.into_iter().flatten().flatten().collect();
             Ok(vec![Some(items.join(&between.to_string()))])
         }
         (Flag::Input, DeValue::String(pattern)) => {
-            let files =
-                files(reader.folder, pattern).map_err(|why| (value.span().start, format!("`{name}`: {why}")))?;
+            let files = files(reader.folder, pattern).map_err(|why| wrong(format!("`{name}`: {why}")))?;
             // Files that wildcards find may have control characters in their names.
             let fine =
                 |file: String| if file.contains(char::is_control) { Err(control(&file)) } else { Ok(Some(file)) };
@@ -141,19 +137,17 @@ fn one(reader: &Reader, name: &str, kind: Flag, value: &Spanned<DeValue>) -> Fil
     }
 }
 
+/// A value that is no list, without control characters.
 fn scalar(reader: &Reader, name: &str, kind: Flag, value: &Spanned<DeValue>) -> FileResult<Option<String>> {
-    let wanted = |what: &str| Err((value.span().start, format!("`{name}` takes {what}")));
+    let wanted = |what: &str| Err((reader.location(value.span()), format!("`{name}` takes {what}")));
     match (kind, value.get_ref()) {
         (Flag::Switch, DeValue::Boolean(true)) => Ok(None),
         (Flag::Switch, DeValue::Boolean(false)) => Ok(Some(String::new())),
         (Flag::Choice, DeValue::Boolean(choice)) => Ok(Some(choice.to_string())),
         (Flag::Mode, DeValue::Boolean(on)) => Ok(Some(if *on { "on" } else { "off" }.to_owned())),
-        (Flag::Mode, DeValue::String(word)) if !word.contains(char::is_control) => Ok(Some(word.to_string())),
+        (Flag::Mode, DeValue::String(word)) => Ok(Some(word.to_string())),
         (Flag::Switch | Flag::Choice, _) => wanted("true or false"),
         (Flag::Mode, _) => wanted("true, false or a word in quotes"),
-        (_, DeValue::String(text)) if text.contains(char::is_control) => {
-            Err((value.span().start, format!("`{name}` holds a control character: {text:?}")))
-        }
         (_, DeValue::String(text)) => Ok(Some(text.to_string())),
         (Flag::Value | Flag::List(_), DeValue::Integer(_) | DeValue::Float(_)) => {
             // The text as written, so that 1e-3 stays 1e-3.

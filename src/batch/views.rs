@@ -11,12 +11,11 @@ use glam::Mat4;
 use serde::{Deserialize, Serialize};
 
 use super::job::Job;
-use super::numbering::{OTHER_OUTPUTS, numbered, numbered_name, with_placeholder};
 use crate::film::atomic;
 use crate::film::exr_file::{CALIBRATION, HeaderValue, WORLD_TO_CAMERA, WORLD_TO_NDC};
 use crate::integrator::CameraRays;
 use crate::lanes::F;
-use crate::render::checkpoint::Earlier;
+use crate::render::checkpoint::{Earlier, text};
 use crate::scene::import::read_text;
 use crate::scene::{Calibration, FieldOfView, Orbit, PlacedCamera};
 use crate::{Error, Result};
@@ -244,19 +243,14 @@ pub fn intrinsics(calibration: &Calibration) -> Result<String> {
 ///
 /// # Errors
 /// A flag and what is wrong with it.
-pub fn split(job: Job) -> std::result::Result<Vec<Job>, (String, String)> {
+pub fn split(mut job: Job) -> std::result::Result<Vec<Job>, (String, String)> {
     let Some(at) = job.flags.iter().position(|(name, _)| SPLITTING.contains(&name.as_str())) else {
         return Ok(vec![job]);
     };
-    let mut job = job;
     let (flag, text) = job.flags.remove(at);
     let text = text.unwrap_or_default();
     let err = |why: String| (flag.clone(), format!("`{flag}`: {why}"));
-    let mut take = |name: &str| {
-        let at = job.flags.iter().position(|(flag, _)| flag == name)?;
-        job.flags.remove(at).1
-    };
-    if take("frames").is_some() || SPLITTING.iter().any(|other| take(other).is_some()) {
+    if job.take("frames").is_some() || SPLITTING.iter().any(|other| job.take(other).is_some()) {
         return Err(err("only one of `frames`, `turntable` and `cameras` can make a sequence".into()));
     }
     let (views, single) = if flag == "turntable" {
@@ -265,7 +259,7 @@ pub fn split(job: Job) -> std::result::Result<Vec<Job>, (String, String)> {
             .ok()
             .filter(|n| (1..=MAX_VIEWS).contains(n))
             .ok_or_else(|| err(format!("'{text}' is not a number of views from 1 to {MAX_VIEWS}")))?;
-        let first: Orbit = take("orbit").unwrap_or("0,20".into()).parse().map_err(err)?;
+        let first: Orbit = job.take("orbit").unwrap_or("0,20".into()).parse().map_err(err)?;
         let orbit = |k: u32| Orbit { azimuth: first.azimuth + 360.0 * f64::from(k) / f64::from(count), ..first };
         let views = (0..count).map(|k| (k, vec![("orbit".to_owned(), orbit(k).to_string())]));
         (views.collect::<Vec<_>>(), false)
@@ -277,7 +271,7 @@ pub fn split(job: Job) -> std::result::Result<Vec<Job>, (String, String)> {
         }
         let mut cameras = read(file).map_err(|e| err(e.to_string()))?;
         let names: Vec<String> = cameras.iter().map(|c| c.camera.name.clone()).collect();
-        let chosen = take("camera");
+        let chosen = job.take("camera");
         let index = |wanted: &String| crate::scene::choose("camera", wanted, &names).map_err(|e| err(e.to_string()));
         let first = chosen.as_ref().map(index).transpose()?;
         if let Some(index) = first {
@@ -291,19 +285,8 @@ pub fn split(job: Job) -> std::result::Result<Vec<Job>, (String, String)> {
         });
         (views.collect(), first.is_some())
     };
-    let number = |file: &Path, name: &str, view| {
-        let why = "names one file for all views; write their number as #### or {frame:04}";
-        let path = numbered(file, view).or(single.then(|| file.to_owned()));
-        path.ok_or_else(|| (name.to_owned(), format!("`{name}`: {} {why}", file.display())))
-    };
     let one = |(view, flags): (u32, Vec<(String, String)>)| -> std::result::Result<Job, (String, String)> {
-        let mut one = job.clone();
-        one.name = numbered_name(&with_placeholder(job.name.clone()), view).unwrap_or_default();
-        one.output = number(&job.output, "output", view)?;
-        for (name, value) in one.flags.iter_mut().filter(|(name, _)| OTHER_OUTPUTS.contains(&name.as_str())) {
-            let Some(file) = value else { continue };
-            *file = number(Path::new(&file), name, view)?.to_string_lossy().into_owned();
-        }
+        let mut one = job.numbered(view, "views", single)?;
         one.flags.extend(flags.into_iter().map(|(name, value)| (name, Some(value))));
         one.is_view = true;
         Ok(one)
@@ -354,10 +337,8 @@ fn view_of(picture: &Path) -> Option<View> {
     // The file has the pixels of the crop.
     let [x0, y0, x1, y1] = settings.window().map(f64::from);
     let window = [x0, y0, x1, y1];
-    let calibration = earlier.header.iter().find_map(|(name, value)| match value {
-        HeaderValue::Text(text) if name == CALIBRATION => serde_json::from_str::<Calibration>(text).ok(),
-        _ => None,
-    });
+    let calibration =
+        text(&earlier.header, CALIBRATION).and_then(|text| serde_json::from_str::<Calibration>(text).ok());
     let middle = [0.5 * w, 0.5 * h];
     let own = match (calibration, matrix(WORLD_TO_NDC).map(|to_picture| to_picture * to_camera.inverse())) {
         (Some(calibration), _) => Intrinsics::of(&calibration, window),

@@ -19,8 +19,8 @@ use crate::batch::numbering::with_placeholder;
 use crate::cli::batch;
 use crate::console::{Verdict, print, print_json, say};
 use crate::farm::sessions::{Sessions, record_path};
-use crate::farm::slurm::{self, Submitted, SubmittedArray, TaskOptions, quoted};
-use crate::farm::{PLAN, Plan, Render, openjd, utf8};
+use crate::farm::slurm::{self, Submitted, TaskOptions, quoted};
+use crate::farm::{PLAN, Plan, openjd, utf8};
 use crate::film::atomic;
 use crate::film::lock::{Claim, claim};
 use crate::film::lut::is_lut;
@@ -140,11 +140,11 @@ fn submit(args: &SubmitArgs) -> Result<Verdict> {
     }
 }
 
-fn renders_of_batch(path: &Path, roots: &[PathBuf]) -> Result<Vec<Render>> {
+fn renders_of_batch(path: &Path, roots: &[PathBuf]) -> Result<Vec<Job>> {
     let command = command();
     let one = |job: Job| {
         let flags = absolute_flags(&command, job.flags)?;
-        Ok(Render { name: job.name, scene: absolute_path(&job.scene)?, output: absolute_path(&job.output)?, flags })
+        Ok(Job { scene: absolute_path(&job.scene)?, output: absolute_path(&job.output)?, flags, ..job })
     };
     let jobs = batch::read(path)?;
     // Flags are checked per frame; tasks take whole sequences.
@@ -169,7 +169,7 @@ fn absolute_flags(command: &Command, flags: Vec<(String, Option<String>)>) -> Re
     flags.into_iter().map(one).collect()
 }
 
-fn render_of_scene(args: &SubmitArgs) -> Result<Render> {
+fn render_of_scene(args: &SubmitArgs) -> Result<Job> {
     let command = command();
     let line = [OsString::from("render"), args.input.clone().into()].into_iter().chain(args.flags.iter().cloned());
     let render = render::read(&command, line).map_err(|e| Error::Usage(format!("after --: {}", reason(&e))))?;
@@ -187,7 +187,7 @@ fn render_of_scene(args: &SubmitArgs) -> Result<Render> {
     let (scene, output) = (absolute_path(&args.input)?, absolute_path(&render.output())?);
     let job = Job { name, scene, flags, output, ..Job::default() };
     split(job.clone()).map_err(|(_, why)| Error::Usage(format!("after --: {why}")))?;
-    Ok(Render { name: job.name, scene: job.scene, output: job.output, flags: job.flags })
+    Ok(job)
 }
 
 fn is_path(command: &Command, flag: &str) -> bool {
@@ -223,14 +223,12 @@ fn submit_to_slurm(args: &SubmitArgs, plan: &Plan) -> Result<Verdict> {
             text += &format!("\n# {what}, in {folder}/{PLAN}\n");
             commands.iter().for_each(|command| text += &format!("{}\n", quoted(command)));
         }
-        let arrays: Vec<_> = slurm::arrays(plan, &options, DEFAULT_ARRAY_SIZE)?
-            .into_iter()
-            .enumerate()
-            .map(|(i, array)| (array, format!("$ARRAY{}", i + 1)))
-            .collect();
         text += "\n# to be submitted\n";
-        for (array, id) in &arrays {
-            text += &format!("{}=$(sbatch --parsable {})\n", &id[1..], quoted(&array.arguments));
+        let mut arrays = Vec::new();
+        for (mut array, arguments) in slurm::arrays(plan, &options, DEFAULT_ARRAY_SIZE)? {
+            array.job = format!("$ARRAY{}", arrays.len() + 1);
+            text += &format!("{}=$(sbatch --parsable {})\n", &array.job[1..], quoted(&arguments));
+            arrays.push(array);
         }
         for number in 0..plan.merges.len() {
             let arguments = slurm::merge(plan, number, &arrays)?;
@@ -250,16 +248,14 @@ fn submit_to_slurm(args: &SubmitArgs, plan: &Plan) -> Result<Verdict> {
         );
     }
     let mut submitted = Submitted::default();
-    let mut arrays = Vec::new();
-    for array in slurm::arrays(plan, &options, site.max_array_size)? {
-        let id = sbatch(&array.arguments)?;
-        say(format_args!("tasks {} to {}: job {id}", array.first + 1, array.first + array.count));
-        submitted.arrays.push(SubmittedArray { first: array.first, count: array.count, job: id.clone() });
+    for (mut array, arguments) in slurm::arrays(plan, &options, site.max_array_size)? {
+        array.job = sbatch(&arguments)?;
+        say(format_args!("tasks {} to {}: job {}", array.first + 1, array.first + array.count, array.job));
+        submitted.arrays.push(array);
         submitted.write(&plan.folder)?;
-        arrays.push((array, id));
     }
     for (number, merge) in plan.merges.iter().enumerate() {
-        let id = sbatch(&slurm::merge(plan, number, &arrays)?)?;
+        let id = sbatch(&slurm::merge(plan, number, &submitted.arrays)?)?;
         say(format_args!("merge of {}: job {id}", merge.render));
         submitted.merges.push(id);
         submitted.write(&plan.folder)?;

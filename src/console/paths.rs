@@ -37,7 +37,7 @@ impl Paths {
     /// # Errors
     /// [`Error::Usage`] if it is an output too.
     pub fn reads(&mut self, what: &str, path: &Path) -> Result<()> {
-        self.add(NamedFile { name: format!("{what} {}", path.display()), written: false }, path)
+        self.add(what, path, false)
     }
 
     /// Adds a file that is written and that the command line names; `what` as in [`Self::reads`]. Devices may be written twice.
@@ -54,10 +54,11 @@ impl Paths {
     /// # Errors
     /// Those of [`Self::names`].
     pub fn writes(&mut self, what: &str, path: &Path) -> Result<()> {
-        self.add(NamedFile { name: format!("{what} {}", path.display()), written: true }, path)
+        self.add(what, path, true)
     }
 
-    fn add(&mut self, new: NamedFile, path: &Path) -> Result<()> {
+    fn add(&mut self, what: &str, path: &Path, written: bool) -> Result<()> {
+        let new = NamedFile { name: format!("{what} {}", path.display()), written };
         let keys = file_keys(path);
         let known = keys.iter().find_map(|key| self.known.get(key));
         match known {
@@ -84,37 +85,12 @@ fn overwritten(output: &str, input: &str) -> Error {
 
 /// The keys of a file; none for devices and folders.
 fn file_keys(path: &Path) -> Vec<FileKey> {
-    let key = || FileKey::Path(path.canonicalize().unwrap_or_else(|_| resolved(path, 0)));
+    let key = || FileKey::Path(atomic::place_of(path));
     match fs::metadata(path) {
         Ok(meta) if meta.is_file() => vec![FileKey::Inode(meta.dev(), meta.ino()), key()],
         Ok(_) => Vec::new(),
         Err(_) => vec![key()],
     }
-}
-
-/// The path of a file that does not exist yet, without links, as far as its folders exist.
-fn resolved(path: &Path, links: u32) -> PathBuf {
-    /// Maximum symbolic links, that of Linux.
-    const MAX_LINKS: u32 = 40;
-    let folder = match path.parent() {
-        Some(folder) if folder.as_os_str().is_empty() => Path::new("."),
-        Some(folder) => folder,
-        None => return path.to_owned(),
-    };
-    if links < MAX_LINKS
-        && let Ok(to) = fs::read_link(path)
-    {
-        return resolved(&folder.join(to), links + 1);
-    }
-    let mut place = folder.canonicalize().unwrap_or_else(|_| resolved(folder, links));
-    match path.file_name() {
-        Some(name) => place.push(name),
-        // It ends in `..`.
-        None => {
-            place.pop();
-        }
-    }
-    place
 }
 
 #[cfg(test)]

@@ -9,7 +9,8 @@ use indicatif::ProgressBar;
 use serde_json::json;
 
 use super::screen::{self, clock};
-use super::{escaped, say, writers};
+use super::writers::progress as out;
+use super::{escaped, say};
 use crate::Error;
 use crate::render::Progress;
 
@@ -51,7 +52,7 @@ impl Reporter {
     /// A reporter; `auto` is silent when `quiet`.
     pub fn new(style: Style, quiet: bool) -> Self {
         let pending = Arc::new((Mutex::new(Pending::default()), Condvar::new()));
-        let printer = Printer::new(style, quiet);
+        let mut printer = Printer::new(style, quiet);
         if printer.style == Style::None {
             return Self::silent();
         }
@@ -123,7 +124,7 @@ impl Reporter {
 struct Printer {
     style: Style,
     bar: ProgressBar,
-    last: Mutex<Last>,
+    last: Last,
 }
 
 #[derive(Default)]
@@ -153,14 +154,12 @@ impl Printer {
             Style::Bar => screen::bar(STEPS.into(), "{wide_bar} {msg}"),
             _ => ProgressBar::hidden(),
         };
-        Self { style, bar, last: Mutex::default() }
+        Self { style, bar, last: Last::default() }
     }
 
-    fn update(&self, progress: Progress) {
-        let Ok(mut last) = self.last.try_lock() else { return };
-        let (permille, due) = last.advance(progress);
+    fn update(&mut self, progress: Progress) {
+        let (permille, due) = self.last.advance(progress);
         match self.style {
-            Style::None | Style::Auto => {}
             Style::Bar => {
                 self.bar.set_message(message(&progress, permille));
                 self.bar.set_position(permille.into());
@@ -170,30 +169,29 @@ impl Printer {
         }
     }
 
-    fn building(&self, done: f64, seconds: f64) {
-        let Ok(mut last) = self.last.try_lock() else { return };
+    fn building(&mut self, done: f64, seconds: f64) {
+        let is_due = seconds - self.last.printed_build >= 1.0;
         let percent = (done * 100.0) as u32;
         match self.style {
             Style::Bar => {
                 self.bar.set_position((done * f64::from(STEPS)) as u64);
                 self.bar.set_message(format!("{percent}%  {}  building the acceleration structure", clock(seconds)));
             }
-            _ if seconds - last.printed_build < 1.0 => {}
+            _ if !is_due => {}
             Style::Plain => say(format_args!("BUILD: {percent}%")),
             Style::Json => out(&json!({ "phase": "build", "fraction": done, "seconds": seconds }).to_string()),
             // Percentages are those of the whole job, which must not decrease when rendering begins.
             Style::Openjd => out(&format!("openjd_status: building the acceleration structure, {percent}%")),
             Style::Auto | Style::None => {}
         }
-        if seconds - last.printed_build >= 1.0 {
-            last.printed_build = seconds;
+        if is_due {
+            self.last.printed_build = seconds;
         }
     }
 
     fn finish(&self, complete: bool) {
         screen::remove(&self.bar);
-        let Ok(last) = self.last.lock() else { return };
-        if let (true, Some(progress)) = (complete, last.progress) {
+        if let (true, Some(progress)) = (complete, self.last.progress) {
             self.line(&Progress { fraction: 1.0, ..progress }, 100);
         }
     }
@@ -219,10 +217,6 @@ impl Last {
         }
         (self.permille, due)
     }
-}
-
-fn out(line: &str) {
-    writers::progress(line);
 }
 
 /// Tells the scheduler why a render has failed, where this style does so.

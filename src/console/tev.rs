@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use tev_client::{PacketCreateImage, PacketUpdateImage, TevClient};
 
-use crate::film::Pixels;
+use crate::film::{Pixels, colors};
 use crate::{Error, Result};
 
 /// Network address of tev: `HOST:PORT`, `HOST`, or `:PORT` on this machine.
@@ -85,8 +85,7 @@ impl Tev {
     /// [`Error::Io`] if it cannot be sent.
     pub fn show(&mut self, pixels: &dyn Pixels) -> Result<()> {
         let [x0, y0, x1, y1] = pixels.window();
-        let places = (y0..y1).flat_map(|y| (x0..x1).map(move |x| (x, y)));
-        let data: Vec<f32> = places.flat_map(|(x, y)| pixels.at(x, y).0.mean()).collect();
+        let data: Vec<f32> = colors(pixels).1.flatten().collect();
         let update = PacketUpdateImage {
             image_name: &self.name,
             grab_focus: false,

@@ -12,4 +12,4 @@ pub mod slurm;
 
 pub use names::{printable, utf8};
 pub use path_mapping::PathMapping;
-pub use plan::{PLAN, Plan, Render};
+pub use plan::{PLAN, Plan};

@@ -19,11 +19,9 @@ use crate::{Error, Result};
 pub fn template(plan: &Plan) -> Result<Value> {
     let mut steps = Vec::new();
     let mut names: HashSet<String> = plan.tasks.iter().map(|task| task.render.clone()).collect();
-    let mut first = 0;
-    while let Some(task) = plan.tasks.get(first) {
-        let count = plan.tasks[first..].iter().take_while(|t| t.render == task.render).count();
-        let chunks: Vec<_> = plan.tasks[first..first + count].iter().filter(|t| t.part == 1).collect();
-        let chunks: Vec<_> = chunks.iter().filter_map(|t| t.frames.as_ref()).collect();
+    for tasks in plan.tasks.chunk_by(|a, b| a.render == b.render) {
+        let task = &tasks[0];
+        let chunks: Vec<_> = tasks.iter().filter(|t| t.part == 1).filter_map(|t| t.frames.as_ref()).collect();
         let parts = plan.parts as usize;
         let mut parameters: Vec<Value> = frames_parameter(&task.render, &chunks)?.into_iter().collect();
         if parts > 1 {
@@ -31,18 +29,15 @@ pub fn template(plan: &Plan) -> Result<Value> {
         }
         let command = parametrised(&task.command, task.part, parts, &chunks);
         steps.push(step(&task.render, &command, parameters)?);
-        first += count;
     }
-    let mut first = 0;
-    while let Some(merge) = plan.merges.get(first) {
-        let count = plan.merges[first..].iter().take_while(|m| m.render == merge.render).count();
-        let chunks: Vec<_> = plan.merges[first..first + count].iter().filter_map(|m| m.frames.as_ref()).collect();
+    for merges in plan.merges.chunk_by(|a, b| a.render == b.render) {
+        let merge = &merges[0];
+        let chunks: Vec<_> = merges.iter().filter_map(|m| m.frames.as_ref()).collect();
         let parameters = frames_parameter(&merge.render, &chunks)?.into_iter().collect();
         let command = parametrised(&merge.command, 0, 1, &chunks);
         let mut step = step(&merge_name(&mut names, &merge.render), &command, parameters)?;
         step["dependencies"] = json!([{ "dependsOn": step_name(&merge.render)? }]);
         steps.push(step);
-        first += count;
     }
     let name = literal(&plan.name);
     if name.chars().count() > MAX_JOB_NAME {

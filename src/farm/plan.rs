@@ -7,22 +7,10 @@ use serde::{Deserialize, Serialize};
 
 use super::names::{printable, utf8};
 use crate::batch::frames::Frames;
+use crate::batch::job::{Job, argument};
 use crate::batch::numbering::numbered;
 use crate::scene::import::read_own;
 use crate::{Error, Result};
-
-/// A render, whole or in parts, or a sequence of frames (flag `frames`).
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Render {
-    /// Name, unique in the plan and part of file names.
-    pub name: String,
-    /// Absolute path.
-    pub scene: PathBuf,
-    /// Absolute path.
-    pub output: PathBuf,
-    /// Other flags of `bismar render`, paths absolute; `None` for switches.
-    pub flags: Vec<(String, Option<String>)>,
-}
 
 /// The work of a farm, stored as `farm.json`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -91,7 +79,7 @@ pub const PLAN: &str = "farm.json";
 
 impl Plan {
     /// A plan with every picture in `parts` parts, and sequences in tasks of `chunk` frames. `program` is the executable,
-    /// `progress` the value of its flag.
+    /// `progress` the value of its flag. All paths are absolute.
     ///
     /// # Errors
     /// [`Error::Usage`] for parts of a render that stops by time, because each would stop at another number of paths; for
@@ -101,7 +89,7 @@ impl Plan {
         folder: &Path,
         program: &Path,
         progress: &str,
-        renders: &[Render],
+        renders: &[Job],
         (parts, chunk): (u32, u32),
     ) -> Result<Self> {
         let (tasks, merges) = (Vec::new(), Vec::new());
@@ -118,8 +106,7 @@ impl Plan {
                 )));
             }
             let mut render = render.clone();
-            let frames = render.flags.iter().position(|(flag, _)| flag == "frames");
-            match frames.and_then(|at| render.flags.remove(at).1) {
+            match render.take("frames") {
                 None => plan.add(&render, None, utf8(program)?, progress)?,
                 Some(frames) => {
                     let frames: Frames = frames.parse().map_err(|why| Error::Usage(format!("--frames: {why}")))?;
@@ -133,13 +120,9 @@ impl Plan {
         Ok(plan)
     }
 
-    fn add(&mut self, render: &Render, frames: Option<Frames>, program: &str, progress: &str) -> Result<()> {
+    fn add(&mut self, render: &Job, frames: Option<Frames>, program: &str, progress: &str) -> Result<()> {
         let parts = self.parts;
         let first = self.tasks.len();
-        let flag = |(name, value): &(String, Option<String>)| match value {
-            Some(value) => format!("--{name}={value}"),
-            None => format!("--{name}"),
-        };
         let which = frames.as_ref().map(|frames| format!("--frames={frames}"));
         let (of_merge, of_tasks): (Vec<_>, Vec<_>) =
             render.flags.iter().partition(|(name, _)| parts > 1 && FLAGS_OF_MERGE.contains(&name.as_str()));
@@ -150,7 +133,7 @@ impl Plan {
                 _ => self.folder.join("parts").join(format!("{}.{part}-of-{parts}.exr", render.name)),
             };
             let mut command = vec![program.into(), "render".into(), utf8(&render.scene)?.into()];
-            command.extend(of_tasks.iter().map(|f| flag(f)));
+            command.extend(of_tasks.iter().map(|f| argument(f)));
             command.extend(which.clone());
             if parts > 1 {
                 command.push(format!("--part={part}/{parts}"));
@@ -172,7 +155,7 @@ impl Plan {
             if !checkpoints {
                 command.push("--no-statistics".into());
             }
-            command.extend(of_merge.iter().filter(|(name, _)| name != "stats").map(|f| flag(f)));
+            command.extend(of_merge.iter().filter(|(name, _)| name != "stats").map(|f| argument(f)));
             command.push(format!("--output={}", utf8(&render.output)?));
             for task in &self.tasks[first..] {
                 command.push(utf8(&task.output)?.into());
@@ -264,11 +247,12 @@ pub(crate) mod tests {
 
     /// Two renders in `parts` parts.
     pub fn plan(parts: u32) -> Plan {
-        let render = |name: &str| Render {
+        let render = |name: &str| Job {
             name: name.into(),
             scene: "/s/it's a hall.glb".into(),
             output: format!("/o/{name}.exr").into(),
             flags: vec![("spp".into(), Some("64".into())), ("preview".into(), Some(format!("/o/{name}.png")))],
+            ..Job::default()
         };
         Plan::new("shots", Path::new("/f"), Path::new("bismar"), "plain", &[render("a"), render("b")], (parts, 1))
             .unwrap()
@@ -290,11 +274,12 @@ pub(crate) mod tests {
 
     /// Frames 1 to 7 in tasks of `chunk` frames and `parts` parts.
     pub fn sequence(parts: u32, chunk: u32) -> Plan {
-        let render = Render {
+        let render = Job {
             name: "a.####".into(),
             scene: "/s/a.glb".into(),
             output: "/o/a.####.exr".into(),
             flags: vec![("frames".into(), Some("1-7".into())), ("preview".into(), Some("/o/a.####.png".into()))],
+            ..Job::default()
         };
         Plan::new("shots", Path::new("/f"), Path::new("bismar"), "plain", &[render], (parts, chunk)).unwrap()
     }
@@ -334,16 +319,17 @@ pub(crate) mod tests {
         let whole = plan(1);
         assert!(whole.merges.is_empty() && !whole.tasks[0].command.join(" ").contains("--part"));
         assert_eq!(whole.tasks[1].output, Path::new("/o/b.exr"));
-        let timed = Render {
+        let timed = Job {
             name: "a".into(),
             scene: "/a.glb".into(),
             output: "/a.exr".into(),
             flags: vec![("time".into(), Some("3".into()))],
+            ..Job::default()
         };
-        let refused =
-            Plan::new("x", Path::new("/f"), Path::new("bismar"), "plain", std::slice::from_ref(&timed), (2, 1))
-                .unwrap_err();
-        assert_eq!(refused.exit_code(), 64);
-        assert!(Plan::new("x", Path::new("/f"), Path::new("bismar"), "plain", &[timed], (1, 1)).is_ok());
+        let in_parts = |parts: u32| {
+            Plan::new("x", Path::new("/f"), Path::new("bismar"), "plain", std::slice::from_ref(&timed), (parts, 1))
+        };
+        assert_eq!(in_parts(2).unwrap_err().exit_code(), 64);
+        assert!(in_parts(1).is_ok());
     }
 }

@@ -1,7 +1,6 @@
 //! The record of a task's sessions next to its log, written by `farm task` and read by `farm status`.
 
 use std::fs::{self, File};
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
@@ -63,10 +62,9 @@ impl Sessions {
             paths,
             fruitless,
             log,
-            memory_raised: previous.memory_raised,
-            memory_raised_to: previous.memory_raised_to,
             out_of_memory: false,
             code: None,
+            ..previous
         }
     }
 
@@ -75,10 +73,7 @@ impl Sessions {
     /// # Errors
     /// [`Error::Host`].
     pub fn check_progress(&mut self) -> Result<()> {
-        match self.fruitless < MAX_FRUITLESS_SESSIONS {
-            true => Ok(()),
-            false => Err(self.no_progress()),
-        }
+        if self.fruitless < MAX_FRUITLESS_SESSIONS { Ok(()) } else { Err(self.no_progress()) }
     }
 
     /// Records the end of a session with an exit code and `paths` in the task's output.
@@ -89,10 +84,7 @@ impl Sessions {
         self.code = Some(code);
         // Not stored: the next session counts this one again when it begins.
         let fruitless = if paths <= self.paths { self.fruitless + 1 } else { 0 };
-        match code == INTERRUPTED && fruitless >= MAX_FRUITLESS_SESSIONS {
-            true => Err(self.no_progress()),
-            false => Ok(()),
-        }
+        if code == INTERRUPTED && fruitless >= MAX_FRUITLESS_SESSIONS { Err(self.no_progress()) } else { Ok(()) }
     }
 
     /// Resets the counts of a task that is held: somebody who releases it has changed something.
@@ -113,8 +105,7 @@ impl Sessions {
     /// # Errors
     /// Those of [`atomic::write`].
     pub fn write(&self, path: &Path) -> Result<()> {
-        let json = serde_json::to_vec_pretty(self).map_err(|e| Error::Bug(format!("JSON: {e}")))?;
-        atomic::write(path, |file| Ok(Ok(file.write_all(&json)?)))
+        atomic::write(path, |file| Ok(Ok(serde_json::to_writer_pretty(file, self)?)))
     }
 
     /// Gives a sign of life: sets the record's modification time. Failures are ignored.

@@ -1,15 +1,14 @@
 //! A plan as Slurm job arrays, and merges that depend on them.
 
-use std::io::Write;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
 use super::names::{printable, utf8};
 use super::plan::{PLAN, Plan};
+use crate::Result;
 use crate::film::atomic;
 use crate::scene::import::read_own;
-use crate::{Error, Result};
 
 /// Resources and options of each task.
 #[derive(Debug, Clone, Default)]
@@ -31,7 +30,7 @@ pub struct TaskOptions {
 /// Scripts of a plan's folder: name and content.
 ///
 /// # Errors
-/// [`Error::Usage`] for control characters in options, each of which is a line of the script.
+/// [`crate::Error::Usage`] for control characters in options, each of which is a line of the script.
 pub fn files(plan: &Plan, options: &TaskOptions) -> Result<Vec<(String, String)>> {
     options
         .others
@@ -90,7 +89,7 @@ fn term_lead_seconds(minutes: Option<u32>) -> u32 {
 ///
 /// # Errors
 /// Those of [`utf8`].
-pub fn arrays(plan: &Plan, options: &TaskOptions, largest: usize) -> Result<Vec<Array>> {
+pub fn arrays(plan: &Plan, options: &TaskOptions, largest: usize) -> Result<Vec<(Array, Vec<String>)>> {
     let throttle = options.throttle.map_or(String::new(), |n| format!("%{n}"));
     (0..plan.tasks.len())
         .step_by(largest.max(1))
@@ -98,37 +97,26 @@ pub fn arrays(plan: &Plan, options: &TaskOptions, largest: usize) -> Result<Vec<
             let count = largest.min(plan.tasks.len() - first);
             let mut arguments = vec![format!("--array=1-{count}{throttle}")];
             arguments.extend(run(plan, &plan.tasks[first].command, "tasks.sbatch", first, &[])?);
-            Ok(Array { first, count, arguments })
+            Ok((Array { first, count, job: String::new() }, arguments))
         })
         .collect()
-}
-
-/// A job array.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Array {
-    /// Index of the first task.
-    pub first: usize,
-    /// Number of tasks.
-    pub count: usize,
-    /// Arguments of sbatch.
-    pub arguments: Vec<String>,
 }
 
 /// Arguments of sbatch for the merge with this index, which depends on tasks of `arrays` with their job IDs.
 ///
 /// # Errors
 /// Those of [`utf8`].
-pub fn merge(plan: &Plan, number: usize, arrays: &[(Array, String)]) -> Result<Vec<String>> {
+pub fn merge(plan: &Plan, number: usize, arrays: &[Array]) -> Result<Vec<String>> {
     let (first, last) = plan.merges[number].tasks;
     let mut needed = Vec::new();
-    for (array, id) in arrays {
+    for array in arrays {
         let (from, to) = (first.max(array.first), last.min(array.first + array.count - 1));
         if from > to {
             continue;
         }
         match to - from + 1 == array.count {
-            true => needed.push(id.clone()),
-            false => needed.extend((from..=to).map(|task| format!("{id}_{}", task - array.first + 1))),
+            true => needed.push(array.job.clone()),
+            false => needed.extend((from..=to).map(|task| format!("{}_{}", array.job, task - array.first + 1))),
         }
     }
     let mut arguments = vec![format!("--dependency=afterok:{}", needed.join(":")), "--kill-on-invalid-dep=yes".into()];
@@ -143,19 +131,19 @@ pub struct Submitted {
     #[serde(default)]
     schema: u32,
     /// Arrays of tasks.
-    pub arrays: Vec<SubmittedArray>,
+    pub arrays: Vec<Array>,
     /// Job IDs of the merges, in the order of the plan.
     pub merges: Vec<String>,
 }
 
-/// A submitted job array.
+/// A job array.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct SubmittedArray {
+pub struct Array {
     /// Index of the first task.
     pub first: usize,
     /// Number of tasks.
     pub count: usize,
-    /// Slurm's job ID.
+    /// Slurm's job ID; empty before it is submitted.
     pub job: String,
 }
 
@@ -173,8 +161,7 @@ impl Submitted {
     /// # Errors
     /// Those of [`atomic::write`].
     pub fn write(&self, folder: &Path) -> Result<()> {
-        let json = serde_json::to_vec_pretty(self).map_err(|e| Error::Bug(format!("JSON: {e}")))?;
-        atomic::write(&folder.join(SUBMITTED), |file| Ok(Ok(file.write_all(&json)?)))
+        atomic::write(&folder.join(SUBMITTED), |file| Ok(Ok(serde_json::to_writer_pretty(file, self)?)))
     }
 
     /// Whether a job ID is one of these.
@@ -207,12 +194,13 @@ mod tests {
     fn merges_wait_for_their_own_parts_also_across_arrays() {
         let plan = plan(3);
         let arrays = arrays(&plan, &TaskOptions { throttle: Some(2), ..Default::default() }, 4).unwrap();
-        assert_eq!(arrays.iter().map(|a| (a.first, a.count)).collect::<Vec<_>>(), [(0, 4), (4, 2)]);
+        assert_eq!(arrays.iter().map(|(a, _)| (a.first, a.count)).collect::<Vec<_>>(), [(0, 4), (4, 2)]);
         let run = ["--chdir=/f", "/f/tasks.sbatch", "4", "bismar", "farm", "task", "--plan=/f/farm.json"];
-        assert_eq!(arrays[1].arguments, [&["--array=1-2%2"], &run[..]].concat());
-        let ids: Vec<_> = arrays.into_iter().zip(["10".to_owned(), "20".to_owned()]).collect();
-        assert_eq!(merge(&plan, 0, &ids).unwrap()[0], "--dependency=afterok:10_1:10_2:10_3");
-        assert_eq!(merge(&plan, 1, &ids).unwrap()[0], "--dependency=afterok:10_4:20");
+        assert_eq!(arrays[1].1, [&["--array=1-2%2"], &run[..]].concat());
+        let submitted: Vec<_> =
+            arrays.into_iter().zip(["10", "20"]).map(|((array, _), id)| Array { job: id.into(), ..array }).collect();
+        assert_eq!(merge(&plan, 0, &submitted).unwrap()[0], "--dependency=afterok:10_1:10_2:10_3");
+        assert_eq!(merge(&plan, 1, &submitted).unwrap()[0], "--dependency=afterok:10_4:20");
     }
 
     #[test]

@@ -26,7 +26,7 @@ pub fn work(width: usize, height: usize) -> Result<()> {
     for image in &mut picture.images {
         *image = read_image(&mut input, pixels).map_err(failed)?;
     }
-    let denoised = picture.denoised(&Denoiser::load()?)?;
+    let denoised = Denoiser::load()?.denoise(&picture)?;
     let mut output = io::stdout().lock();
     write_image(&mut output, &denoised).and_then(|()| output.flush()).map_err(failed)?;
     Ok(())

@@ -301,7 +301,7 @@ impl RenderedPicture {
             Some(done) => done,
             None => {
                 let denoiser = Denoiser::load()?;
-                let layers = denoised_layers(&self.rendered.pixels(), |noisy| noisy.denoised(&denoiser))?;
+                let layers = denoised_layers(&self.rendered.pixels(), |noisy| denoiser.denoise(noisy))?;
                 self.denoised.get_or_init(|| layers)
             }
         };

@@ -54,19 +54,15 @@ pub enum Aov {
 /// How the value of a channel follows from the statistics of a pixel.
 #[derive(Clone, Copy)]
 pub enum Value {
-    /// A 32-bit float; the last argument is the component.
+    /// A float; the last argument is the component.
     Float(Component),
-    /// A float of which 16 bits are enough.
-    Color(Component),
-    /// A 32-bit float from the extra sums.
+    /// A float from the extra sums.
     Extra(ExtraComponent),
-    /// A float from the extra sums of which 16 bits are enough.
-    ExtraColor(ExtraComponent),
-    /// A float of which 16 bits are enough: light of the group of this number.
+    /// A float: light of the group of this number.
     Light(usize),
     /// A 32-bit unsigned integer.
     Uint(fn(&PixelStats, &AovSums) -> u32),
-    /// The light share, a 32-bit float.
+    /// The light share, a float.
     LightShare,
 }
 
@@ -87,6 +83,8 @@ pub struct Channel {
     pub component: usize,
     /// Its value.
     pub value: Value,
+    /// Whether 16 bits are enough for it: a colour or a direction.
+    pub half: bool,
 }
 
 impl Channel {
@@ -94,10 +92,8 @@ impl Channel {
     pub fn float(&self, pixels: &dyn Pixels, x: u32, y: u32) -> f32 {
         let (stats, sums) = pixels.at(x, y);
         match self.value {
-            Value::Float(f) | Value::Color(f) => f(&stats, &sums, self.component),
-            Value::Extra(f) | Value::ExtraColor(f) => {
-                f(&stats, &pixels.extras(x, y).unwrap_or_default(), self.component)
-            }
+            Value::Float(f) => f(&stats, &sums, self.component),
+            Value::Extra(f) => f(&stats, &pixels.extras(x, y).unwrap_or_default(), self.component),
             Value::Light(group) => mean(&stats, pixels.light(x, y, group)[self.component]),
             Value::Uint(f) => f(&stats, &sums) as f32,
             Value::LightShare => pixels.light_share(x, y),
@@ -111,13 +107,13 @@ pub fn beauty(background: Background) -> Vec<Channel> {
         Background::Environment => |p, _, _| if p.samples > 0 { 1.0 } else { 0.0 },
         Background::Black | Background::Transparent => |p, sums, _| p.coverage() + sums.shadow,
     };
-    let mut channels = layer("", "RGB", Value::Color(|p, _, c| p.mean()[c]));
-    channels.extend(layer("", "A", Value::Color(alpha)));
+    let mut channels = layer("", "RGB", true, Value::Float(|p, _, c| p.mean()[c]));
+    channels.extend(layer("", "A", true, Value::Float(alpha)));
     channels
 }
 
-fn layer(prefix: &str, letters: &str, value: Value) -> Vec<Channel> {
-    let channel = |(component, letter)| Channel { name: format!("{prefix}{letter}"), component, value };
+fn layer(prefix: &str, letters: &str, half: bool, value: Value) -> Vec<Channel> {
+    let channel = |(component, letter)| Channel { name: format!("{prefix}{letter}"), component, value, half };
     letters.chars().enumerate().map(channel).collect()
 }
 
@@ -156,38 +152,38 @@ impl Aov {
         if (self.needs_sums() && !with_sums) || (self.needs_extras() && !with_extras) {
             return Vec::new();
         }
-        let (name, letters, value) = match self {
-            Aov::Albedo => ("albedo.", "RGB", Value::Color(|p, a, c| mean(p, a.albedo[c]))),
-            Aov::Normal => ("normal.", "XYZ", Value::Color(|p, a, c| mean(p, a.normal[c]))),
-            Aov::Depth => ("depth.", "Z", Value::Float(depth)),
-            Aov::Direct => ("direct.", "RGB", Value::Color(|p, a, c| mean(p, a.direct[c]))),
-            Aov::Indirect => ("indirect.", "RGB", Value::Color(|p, a, c| mean(p, a.indirect[c]))),
-            Aov::Variance => ("variance.", "RGB", Value::Float(|p, _, c| variance(p, c))),
-            Aov::Samples => ("samples.", "V", Value::Uint(|p, _| p.samples)),
-            Aov::Balance => ("balance.", "V", Value::LightShare),
-            Aov::Object => ("object.", "V", Value::Uint(|_, a| a.object)),
-            Aov::Material => ("material.", "V", Value::Uint(|_, a| a.material)),
-            Aov::Position => ("position.", "XYZ", Value::Extra(|p, e, c| mean_over_hits(p, e.position[c]))),
-            Aov::Uv => ("uv.", "UV", Value::Extra(|p, e, c| mean_over_hits(p, e.uv[c]))),
-            Aov::Emission => ("emission.", "RGB", Value::ExtraColor(|p, e, c| mean(p, e.emission[c]))),
-            Aov::GuideAlbedo => ("guide_albedo.", "RGB", Value::ExtraColor(|p, e, c| mean(p, e.guide_albedo[c]))),
-            Aov::GuideNormal => ("guide_normal.", "XYZ", Value::ExtraColor(|p, e, c| mean(p, e.guide_normal[c]))),
+        let (name, letters, half, value) = match self {
+            Aov::Albedo => ("albedo.", "RGB", true, Value::Float(|p, a, c| mean(p, a.albedo[c]))),
+            Aov::Normal => ("normal.", "XYZ", true, Value::Float(|p, a, c| mean(p, a.normal[c]))),
+            Aov::Depth => ("depth.", "Z", false, Value::Float(depth)),
+            Aov::Direct => ("direct.", "RGB", true, Value::Float(|p, a, c| mean(p, a.direct[c]))),
+            Aov::Indirect => ("indirect.", "RGB", true, Value::Float(|p, a, c| mean(p, a.indirect[c]))),
+            Aov::Variance => ("variance.", "RGB", false, Value::Float(|p, _, c| variance(p, c))),
+            Aov::Samples => ("samples.", "V", false, Value::Uint(|p, _| p.samples)),
+            Aov::Balance => ("balance.", "V", false, Value::LightShare),
+            Aov::Object => ("object.", "V", false, Value::Uint(|_, a| a.object)),
+            Aov::Material => ("material.", "V", false, Value::Uint(|_, a| a.material)),
+            Aov::Position => ("position.", "XYZ", false, Value::Extra(|p, e, c| mean_over_hits(p, e.position[c]))),
+            Aov::Uv => ("uv.", "UV", false, Value::Extra(|p, e, c| mean_over_hits(p, e.uv[c]))),
+            Aov::Emission => ("emission.", "RGB", true, Value::Extra(|p, e, c| mean(p, e.emission[c]))),
+            Aov::GuideAlbedo => ("guide_albedo.", "RGB", true, Value::Extra(|p, e, c| mean(p, e.guide_albedo[c]))),
+            Aov::GuideNormal => ("guide_normal.", "XYZ", true, Value::Extra(|p, e, c| mean(p, e.guide_normal[c]))),
             Aov::Lights => {
-                let of = |(i, name)| layer(&format!("light_{name}."), "RGB", Value::Light(i));
+                let of = |(i, name)| layer(&format!("light_{name}."), "RGB", true, Value::Light(i));
                 return groups.iter().enumerate().flat_map(of).collect();
             }
             Aov::Velocity => {
                 let [to_next, to_previous]: [ExtraComponent; 2] =
                     [|p, e, c| mean_over_hits(p, e.velocity[2 + c]), |p, e, c| -mean_over_hits(p, e.velocity[c])];
-                let mut all = layer("forward.", "uv", Value::Extra(to_next));
-                all.extend(layer("backward.", "uv", Value::Extra(to_previous)));
-                all.extend(layer("Vector.", "XYZW", Value::Extra(|p, e, c| -mean_over_hits(p, e.velocity[c]))));
+                let mut all = layer("forward.", "uv", false, Value::Extra(to_next));
+                all.extend(layer("backward.", "uv", false, Value::Extra(to_previous)));
+                all.extend(layer("Vector.", "XYZW", false, Value::Extra(to_previous)));
                 return all;
             }
             Aov::CryptoObject => return matte(OBJECTS, |p, e, c| ranked(p, e.objects.rank(c / 2), c)),
             Aov::CryptoMaterial => return matte(MATERIALS, |p, e, c| ranked(p, e.materials.rank(c / 2), c)),
         };
-        layer(name, letters, value)
+        layer(name, letters, half, value)
     }
 }
 
@@ -202,6 +198,7 @@ fn matte(name: &str, value: ExtraComponent) -> Vec<Channel> {
         name: format!("{name}{:02}.{}", component / 4, ["R", "G", "B", "A"][component % 4]),
         component,
         value: Value::Extra(value),
+        half: false,
     };
     (0..2 * RANKS).map(channel).collect()
 }

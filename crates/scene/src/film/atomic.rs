@@ -9,9 +9,10 @@ use std::path::Path;
 
 use tempfile::NamedTempFile;
 
-use super::destination::{Destination, SUFFIX, cannot_create, is_confined, may_replace, temporary_prefix};
+use super::destination::{SUFFIX, cannot_create, is_confined, may_replace, target_of, temporary_prefix};
 pub use super::destination::{
-    OF_A_PLAN, begin_command, check_below, check_folder, command, confine, create_folder, named, open_guessable,
+    OF_A_PLAN, begin_command, check_below, check_folder, command, confine, create_folder, folder_of, named,
+    open_guessable, place_of,
 };
 use super::lock;
 use crate::{Error, Result};
@@ -24,20 +25,17 @@ type Writing = io::Result<Result<()>>;
 /// # Errors
 /// [`Error::CannotCreate`] or [`Error::Permission`], with the path.
 pub fn check(path: &Path) -> Result<()> {
-    match Destination::resolve(path)? {
-        Destination::File { target, folder } => temporary_file(&target, &folder).map(drop),
-        Destination::Device => Ok(()),
-    }
+    target_of(path)?.map_or(Ok(()), |target| temporary_file(&target).map(drop))
 }
 
 /// Removes the temporary files of `path` that killed processes have left in its folder. Files that are being written are
 /// locked and stay.
 pub fn sweep(path: &Path) {
-    let Ok(Destination::File { target, folder }) = Destination::resolve(path) else { return };
+    let Ok(Some(target)) = target_of(path) else { return };
     let prefix = temporary_prefix(&target);
     let left =
         |name: &OsStr| name.as_bytes().starts_with(prefix.as_bytes()) && name.as_bytes().ends_with(SUFFIX.as_bytes());
-    let files = fs::read_dir(folder).into_iter().flatten().flatten().filter(|f| left(&f.file_name()));
+    let files = fs::read_dir(folder_of(&target)).into_iter().flatten().flatten().filter(|f| left(&f.file_name()));
     for file in files {
         if open_guessable(File::options().read(true), &file.path()).is_ok_and(|f| f.try_lock().is_ok()) {
             // Another process may have removed it.
@@ -55,34 +53,28 @@ pub fn sweep(path: &Path) {
 /// returns.
 pub fn write(path: &Path, content: impl FnOnce(&mut BufWriter<&File>) -> Writing) -> Result<()> {
     let failed = |e: io::Error| Error::Io(format!("{}: cannot write: {e}", path.display()));
-    let destination = lock::claimed(path).map_or_else(|| Destination::resolve(path), Ok)?;
-    match destination {
-        Destination::Device => {
-            let file = File::options().write(true).open(path).map_err(|e| cannot_create(path, &e))?;
-            fill(&file, content).map_err(failed)?
-        }
-        Destination::File { target, folder } => {
-            let temporary = temporary_file(&target, &folder)?;
-            // The lock keeps `sweep` away. A file system without locks is not swept either.
-            let _ = temporary.as_file().try_lock();
-            fill(temporary.as_file(), content).map_err(failed)??;
-            if let Some(old) = fs::symlink_metadata(&target).ok().filter(fs::Metadata::is_file) {
-                // If that fails, the file keeps the permissions of the umask.
-                let _ = temporary.as_file().set_permissions(old.permissions());
-            }
-            if is_confined(path) && !may_replace(&target, temporary.as_file()) {
-                let why =
-                    "there is a file that bismar has not written; remove it, or name the output on the command line";
-                return Err(Error::CannotCreate(format!("{}: not written: {why}", path.display())));
-            }
-            temporary.as_file().sync_all().map_err(failed)?;
-            let file = temporary.persist(&target).map_err(|e| failed(e.error))?;
-            lock::replaced(&target, file);
-            // The rename survives a power failure only after a flush of the folder, which not every file system supports.
-            let _ = File::open(&folder).and_then(|f| f.sync_all());
-            Ok(())
-        }
+    let Some(target) = lock::claimed(path).map_or_else(|| target_of(path), |target| Ok(Some(target)))? else {
+        let file = File::options().write(true).open(path).map_err(|e| cannot_create(path, &e))?;
+        return fill(&file, content).map_err(failed)?;
+    };
+    let temporary = temporary_file(&target)?;
+    // The lock keeps `sweep` away. A file system without locks is not swept either.
+    let _ = temporary.as_file().try_lock();
+    fill(temporary.as_file(), content).map_err(failed)??;
+    if let Some(old) = fs::symlink_metadata(&target).ok().filter(fs::Metadata::is_file) {
+        // If that fails, the file keeps the permissions of the umask.
+        let _ = temporary.as_file().set_permissions(old.permissions());
     }
+    if is_confined(path) && !may_replace(&target, temporary.as_file()) {
+        let why = "there is a file that bismar has not written; remove it, or name the output on the command line";
+        return Err(Error::CannotCreate(format!("{}: not written: {why}", path.display())));
+    }
+    temporary.as_file().sync_all().map_err(failed)?;
+    let file = temporary.persist(&target).map_err(|e| failed(e.error))?;
+    lock::replaced(&target, file);
+    // The rename survives a power failure only after a flush of the folder, which not every file system supports.
+    let _ = File::open(folder_of(&target)).and_then(|f| f.sync_all());
+    Ok(())
 }
 
 fn fill(file: &File, content: impl FnOnce(&mut BufWriter<&File>) -> Writing) -> Writing {
@@ -93,13 +85,13 @@ fn fill(file: &File, content: impl FnOnce(&mut BufWriter<&File>) -> Writing) -> 
 }
 
 /// A temporary file in the folder of `target`.
-fn temporary_file(target: &Path, folder: &Path) -> Result<NamedTempFile> {
+fn temporary_file(target: &Path) -> Result<NamedTempFile> {
     let prefix = temporary_prefix(target);
     let mut builder = tempfile::Builder::new();
     builder.prefix(&prefix).suffix(SUFFIX);
     // The permissions of a plain create, to which the umask applies.
     builder.permissions(fs::Permissions::from_mode(0o666));
-    builder.tempfile_in(folder).map_err(|e| cannot_create(target, &e))
+    builder.tempfile_in(folder_of(target)).map_err(|e| cannot_create(target, &e))
 }
 
 #[cfg(test)]
@@ -166,7 +158,6 @@ mod tests {
         assert_eq!(error.exit_code(), 74);
     }
 
-    #[cfg(unix)]
     #[test]
     fn a_link_stays_a_link_and_permissions_follow_the_umask() {
         let folder = tempfile::tempdir().unwrap();

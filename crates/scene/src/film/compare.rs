@@ -129,9 +129,10 @@ pub fn compare(a: &Picture, b: &Picture) -> Result<Comparison, String> {
     }
     let (n, values) = (pixels as f64, 3.0 * pixels as f64);
     let flip = flip_map(a, b);
+    let [width, height] = a.size().map(|side| side as u64);
     Ok(Comparison {
-        width: (a.window[2] - a.window[0]) as u64,
-        height: (a.window[3] - a.window[1]) as u64,
+        width,
+        height,
         not_finite,
         rel_mse: relative / values,
         rmse: (squared / values).sqrt(),
@@ -144,7 +145,7 @@ pub fn compare(a: &Picture, b: &Picture) -> Result<Comparison, String> {
 }
 
 fn statistics(a: &Picture, b: &Picture) -> Option<Statistics> {
-    let width = (a.window[2] - a.window[0]) as usize;
+    let [width, _] = a.size();
     let (va, vb) = (a.variance.as_ref()?, b.variance.as_ref()?);
     let (mut difference, mut variance) = ([0.0; 3], [0.0; 3]);
     let (mut values, mut beyond, mut sum_squared) = (0_u64, 0_u64, 0.0);

@@ -17,19 +17,6 @@ const NAMES: [&str; 3] = ["libOpenImageDenoise.so.2", "libOpenImageDenoise.so.1"
 /// Layer of the denoised beauty.
 pub const DENOISED: &str = "denoised";
 
-/// Pictures for the denoiser, row by row: the beauty and its guides.
-#[derive(Debug, Clone, Copy)]
-pub struct Noisy<'a> {
-    /// Width in pixels.
-    pub width: usize,
-    /// Radiance, linear RGB.
-    pub color: &'a [[f32; 3]],
-    /// Base colour in [0, 1], also of surfaces that are seen in mirrors.
-    pub albedo: &'a [[f32; 3]],
-    /// World-space normals, also of surfaces that are seen in mirrors.
-    pub normal: &'a [[f32; 3]],
-}
-
 /// The loaded library.
 #[derive(Debug)]
 pub struct Denoiser {
@@ -75,16 +62,16 @@ impl Denoiser {
         found.map(|f| *f).map_err(|e| Error::Host(format!("--denoise oidn: this Open Image Denoise is too old: {e}")))
     }
 
-    /// Denoises a picture; the result is linear RGB, row by row.
+    /// Denoises a picture in this process; the result is linear RGB, row by row.
     ///
     /// # Errors
     /// [`Error::Host`] with the message of the library.
-    pub fn denoise(&self, noisy: Noisy) -> Result<Vec<[f32; 3]>> {
+    pub fn denoise(&self, noisy: &NoisyPicture) -> Result<Vec<[f32; 3]>> {
         const CPU: c_int = 1;
         const FLOAT3: c_int = 3;
-        let n = noisy.color.len();
+        let n = noisy.images[0].len();
         let height = n / noisy.width.max(1);
-        assert!(noisy.albedo.len() == n && noisy.normal.len() == n && noisy.width * height == n);
+        assert!(noisy.images.iter().all(|image| image.len() == n) && noisy.width * height == n);
         let new_device: unsafe extern "C" fn(c_int) -> Handle = self.function(c"oidnNewDevice")?;
         let new_filter: unsafe extern "C" fn(Handle, *const c_char) -> Handle = self.function(c"oidnNewFilter")?;
         let set_image: SetImage = self.function(c"oidnSetSharedFilterImage")?;
@@ -97,10 +84,9 @@ impl Denoiser {
             self.function(c"oidnReleaseFilter")?,
             self.function(c"oidnReleaseDevice")?,
         ];
-        let clean = |all: &[[f32; 3]]| -> Vec<[f32; 3]> {
-            all.iter().map(|p| p.map(|x| if x.is_finite() { x } else { 0.0 })).collect()
-        };
-        let [mut color, mut albedo, mut normal] = [noisy.color, noisy.albedo, noisy.normal].map(clean);
+        let clean = |p: &[f32; 3]| p.map(|x| if x.is_finite() { x } else { 0.0 });
+        let [mut color, mut albedo, mut normal] =
+            noisy.images.each_ref().map(|image| image.iter().map(clean).collect::<Vec<_>>());
         let mut output = vec![[0.0_f32; 3]; n];
         // SAFETY: the functions have oidn.h's types (see `function`). The four images have width * height pixels of three
         // floats, as they are declared, and outlive the filter, which is executed on this thread and released before they are.
@@ -144,12 +130,13 @@ impl Denoiser {
     }
 }
 
-/// A beauty with its guides, which owns its pictures ([`Noisy`]).
+/// Pictures for the denoiser: the beauty and its guides.
 #[derive(Debug, Default)]
 pub struct NoisyPicture {
     /// Width in pixels.
     pub width: usize,
-    /// Radiance, albedo, and normals, each row by row.
+    /// Row by row: radiance (linear RGB); base colour in [0, 1] and world-space normals, also of surfaces that are seen
+    /// in mirrors.
     pub images: [Vec<[f32; 3]>; 3],
 }
 
@@ -166,15 +153,6 @@ impl NoisyPicture {
             normal.push(extras.guide_normal.map(|sum| sum / n));
         }
         Self { width: (x1 - x0) as usize, images: [color, albedo, normal] }
-    }
-
-    /// Denoises the picture in this process; the result is linear RGB, row by row.
-    ///
-    /// # Errors
-    /// Those of [`Denoiser::denoise`].
-    pub fn denoised(&self, denoiser: &Denoiser) -> Result<Vec<[f32; 3]>> {
-        let [color, albedo, normal] = &self.images;
-        denoiser.denoise(Noisy { width: self.width, color, albedo, normal })
     }
 }
 

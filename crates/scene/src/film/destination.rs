@@ -6,7 +6,7 @@ use std::ffi::OsString;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, ErrorKind, Read, Seek, SeekFrom};
 use std::os::unix::fs::OpenOptionsExt;
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 
@@ -107,7 +107,7 @@ pub fn open_guessable(options: &mut OpenOptions, path: &Path) -> io::Result<File
 /// [`Error::CannotCreate`].
 pub fn create_folder(output: &Path) -> Result<()> {
     check_place(output)?;
-    let Some(folder) = output.parent().filter(|folder| !folder.as_os_str().is_empty()) else { return Ok(()) };
+    let folder = folder_of(output);
     fs::create_dir_all(folder).map_err(|e| cannot_create(folder, &e))
 }
 
@@ -136,8 +136,8 @@ pub fn check_below(path: &Path, folders: &[PathBuf]) -> Result<()> {
             "it is a link or a device; an output that the command line does not name must be a file".into(),
         );
     }
-    let place = resolved(path);
-    if !folders.is_empty() && !folders.iter().any(|folder| place.starts_with(resolved(folder))) {
+    let place = place_of(path);
+    if !folders.is_empty() && !folders.iter().any(|folder| place.starts_with(place_of(folder))) {
         return refused(format!(
             "it lies outside of {}, where outputs may be; --root DIR names another folder",
             folders[0].display()
@@ -146,16 +146,37 @@ pub fn check_below(path: &Path, folders: &[PathBuf]) -> Result<()> {
     Ok(())
 }
 
-/// The path without links and `..`, as far as it exists.
-fn resolved(path: &Path) -> PathBuf {
-    let path = std::path::absolute(path).unwrap_or_else(|_| path.into());
-    let mut place = PathBuf::new();
-    for component in path.components() {
-        match component {
-            Component::ParentDir => drop(place.pop()),
-            other => place.push(other),
-        }
-        place = place.canonicalize().unwrap_or(place);
+/// The folder of a file.
+pub fn folder_of(file: &Path) -> &Path {
+    file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// Most symbolic links from one to the next: the limit of Linux.
+const MAX_LINKS: u32 = 40;
+
+/// The path of a file that may not exist yet, without links and `..`, as far as its folders exist.
+pub fn place_of(path: &Path) -> PathBuf {
+    place_behind(path, 0)
+}
+
+fn place_behind(path: &Path, links: u32) -> PathBuf {
+    if let Ok(place) = path.canonicalize() {
+        return place;
+    }
+    if path.parent().is_none() {
+        return path.to_owned();
+    }
+    let folder = folder_of(path);
+    if links < MAX_LINKS
+        && let Ok(to) = fs::read_link(path)
+    {
+        return place_behind(&folder.join(to), links + 1);
+    }
+    let mut place = place_behind(folder, links);
+    match path.file_name() {
+        Some(name) => place.push(name),
+        // It ends in `..`.
+        None => drop(place.pop()),
     }
     place
 }
@@ -184,41 +205,27 @@ pub(super) fn may_replace(old: &Path, new: &File) -> bool {
     before.is_empty() || same_kind && (says || is_report || same_table || magic(&before))
 }
 
-/// The destination of an output path.
-pub(super) enum Destination {
-    /// A regular file, which may not exist yet, and its folder. Symbolic links are followed, so that they stay links.
-    File { target: PathBuf, folder: PathBuf },
-    /// A device, which must not be replaced by a file.
-    Device,
-}
-
-impl Destination {
-    pub(super) fn resolve(path: &Path) -> Result<Self> {
-        check_place(path)?;
-        let target = match fs::metadata(path) {
-            Ok(meta) if meta.is_dir() => {
-                return Err(Error::CannotCreate(format!("{}: cannot write: it is a folder", path.display())));
-            }
-            Ok(meta) if !meta.is_file() => return Ok(Destination::Device),
-            Ok(_) => path.canonicalize().map_err(|e| cannot_create(path, &e))?,
-            Err(e) if e.kind() == ErrorKind::InvalidFilename => return Err(cannot_create(path, &e)),
-            Err(_) => followed(path)?,
-        };
-        if target.file_name().is_none() {
-            return Err(Error::CannotCreate(format!("'{}': cannot write: not a file name", path.display())));
+/// The regular file that an output path stands for, which may not exist yet. Symbolic links are followed, so that they
+/// stay links. `None` for a device, which must not be replaced by a file.
+pub(super) fn target_of(path: &Path) -> Result<Option<PathBuf>> {
+    check_place(path)?;
+    let target = match fs::metadata(path) {
+        Ok(meta) if meta.is_dir() => {
+            return Err(Error::CannotCreate(format!("{}: cannot write: it is a folder", path.display())));
         }
-        let folder = match target.parent() {
-            Some(p) if !p.as_os_str().is_empty() => p.to_owned(),
-            _ => PathBuf::from("."),
-        };
-        Ok(Destination::File { target, folder })
+        Ok(meta) if !meta.is_file() => return Ok(None),
+        Ok(_) => path.canonicalize().map_err(|e| cannot_create(path, &e))?,
+        Err(e) if e.kind() == ErrorKind::InvalidFilename => return Err(cannot_create(path, &e)),
+        Err(_) => followed(path)?,
+    };
+    if target.file_name().is_none() {
+        return Err(Error::CannotCreate(format!("'{}': cannot write: not a file name", path.display())));
     }
+    Ok(Some(target))
 }
 
 /// The target of a symbolic link whose target may not exist yet.
 fn followed(path: &Path) -> Result<PathBuf> {
-    // The limit of Linux.
-    const MAX_LINKS: u32 = 40;
     let mut target = path.to_owned();
     for _ in 0..MAX_LINKS {
         let Ok(next) = fs::read_link(&target) else { return Ok(target) };

@@ -11,6 +11,7 @@ mod write;
 pub use super::header::{CALIBRATION, Header, HeaderValue, RELATED, WORLD_TO_CAMERA, WORLD_TO_NDC};
 pub use channels::{ChannelBits, read_bits};
 pub use checksum::{CHECKSUM, Checksum, check, checksum};
+pub(super) use read::cannot_use;
 pub use read::{bytes_of, channels, layers, length, picture, read, read_header, read_statistics, size};
 pub use write::{Layers, write, write_rgb};
 

@@ -14,12 +14,6 @@ use crate::color::luminance;
 /// Pixels per degree of visual angle: 0.7 m from a screen that is 0.7 m and 3840 pixels wide.
 pub const PIXELS_PER_DEGREE: f32 = 67.020_64;
 
-/// A picture: its width, and one vector per pixel.
-struct Plane {
-    width: usize,
-    pixels: Vec<Vec3>,
-}
-
 /// FLIP error of each pixel in [0, 1], row by row, of linear RGB `test` against `reference` with `width` pixels per row. If
 /// `displayed`, the values are display-referred in [0, 1] (LDR-FLIP). Otherwise the error is the largest over a range of
 /// exposures (HDR-FLIP). Values that are not finite count as black.
@@ -29,18 +23,17 @@ pub fn flip(reference: &[[f32; 3]], test: &[[f32; 3]], width: usize, displayed: 
     if reference.is_empty() || width == 0 {
         return Vec::new();
     }
-    let shown = |pixels: &[Vec3], f: &(dyn Fn(Vec3) -> Vec3 + Sync)| Plane {
-        width,
-        pixels: pixels.par_iter().map(|p| f(*p).clamp(Vec3::ZERO, Vec3::ONE)).collect(),
+    let shown = |pixels: &[Vec3], f: &(dyn Fn(Vec3) -> Vec3 + Sync)| -> Vec<Vec3> {
+        pixels.par_iter().map(|p| f(*p).clamp(Vec3::ZERO, Vec3::ONE)).collect()
     };
     if displayed {
-        return difference(&shown(&reference, &|p| p), &shown(&test, &|p| p));
+        return difference(&shown(&reference, &|p| p), &shown(&test, &|p| p), width);
     }
     let mut worst = vec![0.0_f32; reference.len()];
     for exposure in exposures(&reference) {
         let gain = exposure.exp2();
         let f = |p: Vec3| tone_mapped(p.max(Vec3::ZERO) * gain);
-        let error = difference(&shown(&reference, &f), &shown(&test, &f));
+        let error = difference(&shown(&reference, &f), &shown(&test, &f), width);
         worst.iter_mut().zip(error).for_each(|(worst, e)| *worst = worst.max(e));
     }
     worst
@@ -71,9 +64,9 @@ fn exposures(reference: &[Vec3]) -> Vec<f32> {
 }
 
 /// FLIP of two pictures of linear RGB in [0, 1].
-fn difference(reference: &Plane, test: &Plane) -> Vec<f32> {
-    let colors = [reference, test].map(perceived);
-    let features = [reference, test].map(features);
+fn difference(reference: &[Vec3], test: &[Vec3], width: usize) -> Vec<f32> {
+    let colors = [reference, test].map(|picture| perceived(picture, width));
+    let features = [reference, test].map(|picture| features(picture, width));
     let most = hyab(hunt(Vec3::Y), hunt(Vec3::Z)).powf(COLOR_EXPONENT);
     let n = colors[0].len();
     (0..n)
@@ -106,7 +99,7 @@ fn redistributed(difference: f32, most: f32) -> f32 {
 
 /// Filters the colours by contrast sensitivity functions, which are sums of Gaussians in an opponent space (Johnson and
 /// Fairchild), and converts them to CIELAB with the Hunt effect.
-fn perceived(picture: &Plane) -> Vec<Vec3> {
+fn perceived(picture: &[Vec3], width: usize) -> Vec<Vec3> {
     const RADIUS_WIDTH: f32 = 0.04;
     let radius = (3.0 * (RADIUS_WIDTH / (2.0 * PI * PI)).sqrt() * PIXELS_PER_DEGREE).ceil() as i32;
     // A term a·sqrt(π/b)·exp(−π²d²/b) of the two-dimensional kernel is the product of two of these.
@@ -124,10 +117,10 @@ fn perceived(picture: &Plane) -> Vec<Vec3> {
     let (achromatic, red_green) = (normalised(gaussian(1.0, 0.0047)), normalised(gaussian(1.0, 0.0053)));
     let (wide, narrow) = (gaussian(34.1, 0.04), gaussian(13.5, 0.025));
     let total = wide.iter().sum::<f32>().powi(2) + narrow.iter().sum::<f32>().powi(2);
-    let opponent: Vec<Vec3> = picture.pixels.par_iter().map(|p| opponent(*p)).collect();
+    let opponent: Vec<Vec3> = picture.par_iter().map(|p| opponent(*p)).collect();
     let blurred = |component: usize, kernel: &[f32]| {
         let plane: Vec<f32> = opponent.iter().map(|p| p[component]).collect();
-        convolve(&plane, picture.width, kernel, kernel)
+        convolve(&plane, width, kernel, kernel)
     };
     let (y, cx) = (blurred(0, &achromatic), blurred(1, &red_green));
     let (a, b) = (blurred(2, &wide), blurred(2, &narrow));
@@ -138,7 +131,7 @@ fn perceived(picture: &Plane) -> Vec<Vec3> {
 }
 
 /// Strengths of edges and of points at each pixel.
-fn features(picture: &Plane) -> Vec<(f32, f32)> {
+fn features(picture: &[Vec3], width: usize) -> Vec<(f32, f32)> {
     let deviation = 0.5 * FEATURE_WIDTH * PIXELS_PER_DEGREE;
     let radius = (3.0 * deviation).ceil() as i32;
     let kernel = |f: &dyn Fn(f32) -> f32| -> Vec<f32> {
@@ -153,8 +146,8 @@ fn features(picture: &Plane) -> Vec<(f32, f32)> {
     let smooth = kernel(&|_| 1.0);
     let edge = kernel(&|x| -x);
     let point = kernel(&|x| (x / deviation).powi(2) - 1.0);
-    let grey: Vec<f32> = picture.pixels.par_iter().map(|p| (opponent(*p).x + 16.0) / 116.0).collect();
-    let along = |x: &[f32], y: &[f32]| convolve(&grey, picture.width, x, y);
+    let grey: Vec<f32> = picture.par_iter().map(|p| (opponent(*p).x + 16.0) / 116.0).collect();
+    let along = |x: &[f32], y: &[f32]| convolve(&grey, width, x, y);
     let (ex, ey) = (along(&edge, &smooth), along(&smooth, &edge));
     let (px, py) = (along(&point, &smooth), along(&smooth, &point));
     (0..grey.len()).map(|i| (ex[i].hypot(ey[i]), px[i].hypot(py[i]))).collect()

@@ -4,25 +4,16 @@ use std::collections::HashMap;
 use std::fs::{self, File, TryLockError};
 use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{LazyLock, Mutex, MutexGuard, PoisonError};
 
-use super::destination::{self, Destination, open_guessable};
+use super::destination::{folder_of, lock_name, open_guessable, target_of};
 use crate::{Error, Result};
 
-/// The files that the claimed paths of this process stood for when they were claimed.
-static TARGETS: Mutex<Option<HashMap<PathBuf, Target>>> = Mutex::new(None);
-
-/// An output as it was when it was claimed.
-#[derive(Debug, Clone)]
-struct Target {
-    file: PathBuf,
-    folder: PathBuf,
-    /// Number of claims by this path.
-    claims: usize,
-}
+/// The files that the claimed paths of this process stood for when they were claimed, and the number of claims by each.
+static TARGETS: LazyLock<Mutex<HashMap<PathBuf, (PathBuf, usize)>>> = LazyLock::new(Mutex::default);
 
 /// The locks of this process, by output file.
-static HELD: Mutex<Option<HashMap<PathBuf, Held>>> = Mutex::new(None);
+static HELD: LazyLock<Mutex<HashMap<PathBuf, Held>>> = LazyLock::new(Mutex::default);
 
 #[derive(Debug)]
 struct Held {
@@ -41,7 +32,7 @@ impl Drop for Held {
 
 /// Keeps other processes from writing an output until it is dropped, and this process from following symbolic links that
 /// take its place in the meantime.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 #[must_use]
 pub struct Claim {
     /// The key of the lock.
@@ -53,36 +44,31 @@ pub struct Claim {
 impl Drop for Claim {
     fn drop(&mut self) {
         if let Some(lock) = &self.lock {
-            held(|held| held.remove(lock));
+            locked(&HELD).remove(lock);
         }
         let Some(path) = &self.path else { return };
-        targets(|targets| {
-            let Some(target) = targets.get_mut(path) else { return };
-            target.claims -= 1;
-            if target.claims == 0 {
-                targets.remove(path);
-            }
-        });
+        let mut targets = locked(&TARGETS);
+        let Some((_, claims)) = targets.get_mut(path) else { return };
+        *claims -= 1;
+        if *claims == 0 {
+            targets.remove(path);
+        }
     }
 }
 
-fn targets<T>(with: impl FnOnce(&mut HashMap<PathBuf, Target>) -> T) -> T {
-    with(TARGETS.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert_default())
+fn locked<T>(map: &Mutex<T>) -> MutexGuard<'_, T> {
+    map.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The destination that this process has claimed by the name `path`, if it has.
-pub(super) fn claimed(path: &Path) -> Option<Destination> {
-    let target = targets(|targets| targets.get(&std::path::absolute(path).ok()?).cloned())?;
-    Some(Destination::File { target: target.file, folder: target.folder })
-}
-
-fn held<T>(with: impl FnOnce(&mut HashMap<PathBuf, Held>) -> T) -> T {
-    with(HELD.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert_default())
+/// The file that this process has claimed by the name `path`, if it has.
+pub(super) fn claimed(path: &Path) -> Option<PathBuf> {
+    let path = std::path::absolute(path).ok()?;
+    locked(&TARGETS).get(&path).map(|(target, _)| target.clone())
 }
 
 /// A unique name of an output, which may not exist yet.
 fn key(target: &Path) -> PathBuf {
-    let folder = target.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let folder = folder_of(target);
     let folder = folder.canonicalize().unwrap_or_else(|_| folder.into());
     folder.join(target.file_name().unwrap_or_default())
 }
@@ -93,31 +79,22 @@ fn key(target: &Path) -> PathBuf {
 /// # Errors
 /// [`Error::CannotCreate`] if another process has claimed it; the errors of [`atomic::check`](super::atomic::check).
 pub fn claim(path: &Path) -> Result<Claim> {
-    let Destination::File { target, folder } = Destination::resolve(path)? else {
-        return Ok(Claim { lock: None, path: None });
-    };
+    let Some(target) = target_of(path)? else { return Ok(Claim::default()) };
     let name = std::path::absolute(path).ok();
     if let Some(name) = &name {
-        let new = Target { file: target.clone(), folder: folder.clone(), claims: 0 };
-        targets(|targets| targets.entry(name.clone()).or_insert(new).claims += 1);
+        locked(&TARGETS).entry(name.clone()).or_insert((target.clone(), 0)).1 += 1;
     }
     // Without a lock, so far.
     let mut claim = Claim { lock: None, path: name };
-    let lock_file = folder.join(destination::lock_name(&target));
+    let lock_file = folder_of(&target).join(lock_name(&target));
     // The file may be replaced or created between open and lock.
     for _ in 0..100 {
-        let (file, lock_path) =
-            match File::options().read(true).write(true).open(&target).or_else(|_| File::open(&target)) {
-                Ok(file) => (file, None),
-                Err(_) => match open_guessable(
-                    File::options().create(true).truncate(false).write(true).mode(0o600),
-                    &lock_file,
-                ) {
-                    Ok(file) => (file, Some(lock_file.clone())),
-                    // `atomic::check` reports the reason.
-                    Err(_) => return Ok(claim),
-                },
-            };
+        let output = File::options().read(true).write(true).open(&target).or_else(|_| File::open(&target)).ok();
+        let lock_path = output.is_none().then(|| lock_file.clone());
+        let mut beside = File::options();
+        beside.create(true).truncate(false).write(true).mode(0o600);
+        // `atomic::check` reports why it cannot be created.
+        let Some(file) = output.or_else(|| open_guessable(&mut beside, &lock_file).ok()) else { return Ok(claim) };
         match file.try_lock() {
             // Somebody who may only read it: no bismar takes a shared lock.
             Err(TryLockError::WouldBlock) if file.try_lock_shared().is_ok() => return Ok(claim),
@@ -131,11 +108,11 @@ pub fn claim(path: &Path) -> Result<Claim> {
             Ok(()) => {}
         }
         let same = |a: fs::Metadata, b: fs::Metadata| (a.dev(), a.ino()) == (b.dev(), b.ino());
-        let locked = lock_path.as_ref().unwrap_or(&target);
-        let current = file.metadata().and_then(|a| Ok(same(a, fs::metadata(locked)?))).unwrap_or(false);
+        let place = lock_path.as_ref().unwrap_or(&target);
+        let current = file.metadata().and_then(|a| Ok(same(a, fs::metadata(place)?))).unwrap_or(false);
         if current && (lock_path.is_none() || !target.exists()) {
             let key = key(&target);
-            held(|held| held.insert(key.clone(), Held { _file: file, lock_file: lock_path }));
+            locked(&HELD).insert(key.clone(), Held { _file: file, lock_file: lock_path });
             claim.lock = Some(key);
             return Ok(claim);
         }
@@ -145,16 +122,14 @@ pub fn claim(path: &Path) -> Result<Claim> {
 
 /// Releases all claims of this process before an immediate exit.
 pub fn release_all() {
-    held(HashMap::clear);
+    locked(&HELD).clear();
 }
 
 /// Moves the claim of `target` to the locked file that has replaced it.
 pub(super) fn replaced(target: &Path, by: File) {
-    held(|held| {
-        if let Some(claimed) = held.get_mut(&key(target)) {
-            *claimed = Held { _file: by, lock_file: None };
-        }
-    });
+    if let Some(claimed) = locked(&HELD).get_mut(&key(target)) {
+        *claimed = Held { _file: by, lock_file: None };
+    }
 }
 
 #[cfg(test)]

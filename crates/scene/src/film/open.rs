@@ -29,13 +29,12 @@ impl Picture {
         let refused = |why: String| Error::Data(format!("{}: {why}", path.display()));
         let format = match bytes.get(..4) {
             Some([0x76, 0x2F, 0x31, 0x01]) => {
-                return exr_file::layers(&bytes, layers)
-                    .map_err(|why| refused(format!("cannot use this OpenEXR file: {why}")));
+                return exr_file::layers(&bytes, layers).map_err(|why| exr_file::cannot_use(path, &why));
             }
             Some([b'#', b'?', ..]) => None,
             Some([0x89, b'P', b'N', b'G']) => Some(ImageFormat::Png),
             Some([0xFF, 0xD8, 0xFF, _]) => Some(ImageFormat::Jpeg),
-            _ => return Err(refused("cannot use this OpenEXR file: it is none, nor Radiance HDR, PNG or JPEG".into())),
+            _ => return Err(exr_file::cannot_use(path, "it is none, nor Radiance HDR, PNG or JPEG")),
         };
         if let Some(layer) = layers.iter().flatten().next() {
             return Err(refused(format!("has no layers, so no '{layer}': only OpenEXR files have")));

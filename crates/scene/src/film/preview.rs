@@ -7,11 +7,11 @@ use std::path::Path;
 use image::codecs::jpeg::JpegEncoder;
 use image::codecs::webp::WebPEncoder;
 use image::{ExtendedColorType, ImageEncoder};
-use png::{BitDepth, ColorType, Compression, DecodeOptions, Decoder, Encoder, EncodingError};
+use png::{BitDepth, ColorType, Compression, DecodeOptions, Decoder, Encoder};
 
 use super::atomic;
 use super::picture::Picture;
-use super::pixels::{Background, Pixels};
+use super::pixels::{Background, Pixels, positions};
 use super::view::ViewTransform;
 use crate::Result;
 
@@ -54,11 +54,10 @@ const KEYWORD: &str = "bismar";
 /// The errors of [`atomic::write`].
 pub fn write(path: &Path, pixels: &dyn Pixels, look: &Look, mark: &str) -> Result<()> {
     let [x0, y0, x1, y1] = pixels.window();
-    let positions = (y0..y1).flat_map(|y| (x0..x1).map(move |x| (x, y)));
     let raster = Raster {
         corner: [x0.into(), y0.into()],
         size: [x1 - x0, y1 - y0],
-        pixels: positions.map(|(x, y)| pixels.at(x, y)).map(|(p, sums)| (p.mean(), p.coverage() + sums.shadow)),
+        pixels: positions(pixels).map(|(x, y)| pixels.at(x, y)).map(|(p, sums)| (p.mean(), p.coverage() + sums.shadow)),
         transparent: pixels.background() == Background::Transparent,
     };
     let (size, (bytes, kind)) = (raster.size, raster.develop(look));
@@ -90,7 +89,7 @@ pub fn encoded_picture(picture: &Picture, look: &Look) -> Result<Vec<u8>> {
 /// [`Error::Bug`](crate::Error::Bug) if the encoder fails.
 pub fn encoded(width: u32, height: u32, bytes: &[u8]) -> Result<Vec<u8>> {
     let mut file = Vec::new();
-    match encode(&mut file, [width, height], bytes, ColorType::Rgb, "") {
+    match encode(&mut file, [width, height], bytes, (ColorType::Rgb, BitDepth::Eight), "") {
         Ok(()) => Ok(file),
         Err(e) => Err(crate::Error::Bug(format!("a PNG: {e}"))),
     }
@@ -141,22 +140,9 @@ pub fn write_rgb8(path: &Path, width: u32, height: u32, bytes: &[u8]) -> Result<
 /// The errors of [`atomic::write`].
 pub fn write_png16(path: &Path, [width, height]: [u32; 2], values: &[u16]) -> Result<()> {
     let bytes: Vec<u8> = values.iter().flat_map(|value| value.to_be_bytes()).collect();
-    atomic::write(path, |file| {
-        let mut encoder = Encoder::new(file, width, height);
-        let grey = values.len() == width as usize * height as usize;
-        encoder.set_color(if grey { ColorType::Grayscale } else { ColorType::Rgb });
-        encoder.set_depth(BitDepth::Sixteen);
-        let named = encoder.add_text_chunk("Software".into(), "bismar".into());
-        let written = named.and_then(|()| encoder.write_header()).and_then(|mut writer| {
-            writer.write_image_data(&bytes)?;
-            writer.finish()
-        });
-        written.map_err(|e| match e {
-            EncodingError::IoError(e) => e,
-            other => io::Error::other(other),
-        })?;
-        Ok(Ok(()))
-    })
+    let grey = values.len() == width as usize * height as usize;
+    let kind = (if grey { ColorType::Grayscale } else { ColorType::Rgb }, BitDepth::Sixteen);
+    atomic::write(path, |file| encode(file, [width, height], &bytes, kind, "").map(Ok))
 }
 
 fn write_bytes(path: &Path, size: [u32; 2], bytes: &[u8], kind: ColorType, mark: &str) -> Result<()> {
@@ -168,10 +154,7 @@ fn write_bytes(path: &Path, size: [u32; 2], bytes: &[u8], kind: ColorType, mark:
                 let kind = if kind == ColorType::Rgba { ExtendedColorType::Rgba8 } else { ExtendedColorType::Rgb8 };
                 WebPEncoder::new_lossless(file).write_image(bytes, size[0], size[1], kind).map_err(io::Error::other)?;
             }
-            _ => encode(file, size, bytes, kind, mark).map_err(|e| match e {
-                EncodingError::IoError(e) => e,
-                other => io::Error::other(other),
-            })?,
+            _ => encode(file, size, bytes, (kind, BitDepth::Eight), mark)?,
         }
         Ok(Ok(()))
     })
@@ -197,12 +180,12 @@ fn encode(
     file: impl io::Write,
     [width, height]: [u32; 2],
     bytes: &[u8],
-    kind: ColorType,
+    (kind, depth): (ColorType, BitDepth),
     mark: &str,
-) -> std::result::Result<(), EncodingError> {
+) -> io::Result<()> {
     let mut encoder = Encoder::new(file, width, height);
     encoder.set_color(kind);
-    encoder.set_depth(BitDepth::Eight);
+    encoder.set_depth(depth);
     encoder.set_compression(Compression::Balanced);
     match mark {
         "" => encoder.add_text_chunk("Software".into(), "bismar".into())?,
@@ -210,7 +193,7 @@ fn encode(
     }
     let mut writer = encoder.write_header()?;
     writer.write_image_data(bytes)?;
-    writer.finish()
+    Ok(writer.finish()?)
 }
 
 /// The mark with which a PNG was written; `None` if it has none, cannot be read, or is damaged: every byte is checked.

@@ -110,9 +110,9 @@ pub struct ExtraSums {
     pub velocity: [f32; 4],
 }
 
-/// Adds a colour to a sum.
+/// Adds the components of a value to those of a sum.
 #[inline]
-pub fn accumulate(sum: &mut [f32; 3], more: [f32; 3]) {
+pub fn accumulate<const N: usize>(sum: &mut [f32; N], more: [f32; N]) {
     sum.iter_mut().zip(more).for_each(|(sum, more)| *sum += more);
 }
 
@@ -127,7 +127,7 @@ impl ExtraSums {
     #[inline]
     pub fn add_surface(&mut self, position: Vec3, uv: Vec2, [object, material]: [u32; 2]) {
         accumulate(&mut self.position, position.to_array());
-        self.uv = [self.uv[0] + uv.x, self.uv[1] + uv.y];
+        accumulate(&mut self.uv, uv.to_array());
         self.objects.add(object, 1);
         self.materials.add(material, 1);
     }
@@ -135,8 +135,7 @@ impl ExtraSums {
     /// Adds the motion of a first hit in pixels, from the previous frame and to the next one.
     #[inline]
     pub fn add_velocity(&mut self, [before, after]: [Vec2; 2]) {
-        let more = [before.x, before.y, after.x, after.y];
-        self.velocity.iter_mut().zip(more).for_each(|(sum, more)| *sum += more);
+        accumulate(&mut self.velocity, [before.x, before.y, after.x, after.y]);
     }
 
     /// Adds base colour and normal for the denoiser.
@@ -152,8 +151,8 @@ impl ExtraSums {
         accumulate(&mut self.emission, other.emission);
         accumulate(&mut self.guide_albedo, other.guide_albedo);
         accumulate(&mut self.guide_normal, other.guide_normal);
-        self.uv.iter_mut().zip(other.uv).for_each(|(sum, more)| *sum += more);
-        self.velocity.iter_mut().zip(other.velocity).for_each(|(sum, more)| *sum += more);
+        accumulate(&mut self.uv, other.uv);
+        accumulate(&mut self.velocity, other.velocity);
         self.objects.join(&other.objects);
         self.materials.join(&other.materials);
     }
@@ -214,30 +213,24 @@ impl AovSums {
     /// Adds a first hit: base colour, unit normal, distance in metres.
     #[inline]
     pub fn add_surface(&mut self, albedo: Vec3, normal: Vec3, depth: f32) {
-        for c in 0..3 {
-            self.albedo[c] += albedo[c];
-            self.normal[c] += normal[c];
-        }
+        accumulate(&mut self.albedo, albedo.to_array());
+        accumulate(&mut self.normal, normal.to_array());
         self.depth += depth;
     }
 
     /// Adds the radiance of a path.
     #[inline]
     pub fn add_light(&mut self, direct: Vec3, indirect: Vec3) {
-        for c in 0..3 {
-            self.direct[c] += direct[c];
-            self.indirect[c] += indirect[c];
-        }
+        accumulate(&mut self.direct, direct.to_array());
+        accumulate(&mut self.indirect, indirect.to_array());
     }
 
     /// Adds independent paths of the same pixel.
     pub fn join(&mut self, other: &Self) {
-        for c in 0..3 {
-            self.albedo[c] += other.albedo[c];
-            self.normal[c] += other.normal[c];
-            self.direct[c] += other.direct[c];
-            self.indirect[c] += other.indirect[c];
-        }
+        accumulate(&mut self.albedo, other.albedo);
+        accumulate(&mut self.normal, other.normal);
+        accumulate(&mut self.direct, other.direct);
+        accumulate(&mut self.indirect, other.indirect);
         self.depth += other.depth;
         self.object = if self.object == 0 { other.object } else { self.object };
         self.material = if self.material == 0 { other.material } else { self.material };

@@ -4,7 +4,7 @@ use exr::meta::attribute::SampleType;
 use exr::prelude::*;
 
 use super::attributes::string;
-use super::read::{cannot_use, checked, each_block, guarded, invalid};
+use super::read::{cannot_use, checked, each_block, each_sample, guarded, invalid};
 use crate::Result as Outcome;
 
 /// A channel's name and its samples row by row, as bits; those of 16-bit floats are in the lower half.
@@ -34,23 +34,12 @@ fn bits(bytes: &[u8]) -> Result<Vec<ChannelBits>> {
             let start = y * width + x;
             let row = channels[channel].1.get_mut(start..start + line.location.sample_count);
             let row = row.ok_or_else(|| invalid("a block out of bounds"))?;
+            let put = |i: usize, bits| row[i] = bits;
             match header.channels.list[channel].sample_type {
-                SampleType::F16 => {
-                    for (to, sample) in row.iter_mut().zip(line.read_samples::<f16>()) {
-                        *to = sample?.to_bits().into();
-                    }
-                }
-                SampleType::F32 => {
-                    for (to, sample) in row.iter_mut().zip(line.read_samples::<f32>()) {
-                        *to = sample?.to_bits();
-                    }
-                }
-                SampleType::U32 => {
-                    for (to, sample) in row.iter_mut().zip(line.read_samples::<u32>()) {
-                        *to = sample?;
-                    }
-                }
-            }
+                SampleType::F16 => each_sample(&line, |x: f16| x.to_bits().into(), put),
+                SampleType::F32 => each_sample(&line, f32::to_bits, put),
+                SampleType::U32 => each_sample(&line, |x: u32| x, put),
+            }?;
         }
         Ok(())
     })?;

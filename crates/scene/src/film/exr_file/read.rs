@@ -73,7 +73,7 @@ type Fits<'a> = dyn Fn(u64, u64) -> std::result::Result<(), String> + 'a;
 /// # Errors
 /// The errors of [`read()`].
 pub fn read_header(path: &Path) -> Outcome<Header> {
-    let meta = read_meta(path, open(path)?)?;
+    let meta = read_meta(path, &open(path)?)?;
     let Some(first) = meta.headers.first() else { return Ok(Header::new()) };
     let ours = first.own_attributes.other.iter().filter_map(|(name, value)| {
         let name = string(name);
@@ -102,16 +102,16 @@ pub fn read_header(path: &Path) -> Outcome<Header> {
 /// # Errors
 /// The errors of [`read()`].
 pub fn channels(path: &Path) -> Outcome<Vec<String>> {
-    Ok(read_meta(path, open(path)?)?.headers.iter().flat_map(names).collect())
+    Ok(read_meta(path, &open(path)?)?.headers.iter().flat_map(names).collect())
 }
 
 fn open(path: &Path) -> Outcome<File> {
     File::open(path).map_err(|e| Error::reading(path, &e))
 }
 
-fn read_meta(path: &Path, file: File) -> Outcome<MetaData> {
-    check_head(path, &file)?;
-    (&file).rewind().map_err(|e| Error::reading(path, &e))?;
+fn read_meta(path: &Path, mut file: &File) -> Outcome<MetaData> {
+    check_head(path, file)?;
+    file.rewind().map_err(|e| Error::reading(path, &e))?;
     let mut failed = None;
     let read = || match MetaData::read_from_buffered(BufReader::new(file), false) {
         Err(ExrError::Io(e)) if e.kind() != ErrorKind::UnexpectedEof => {
@@ -134,12 +134,13 @@ fn read_meta(path: &Path, file: File) -> Outcome<MetaData> {
 pub fn read_statistics(path: &Path) -> Outcome<Option<Vec<u8>>> {
     let mut file = open(path)?;
     let failed = |e| Error::reading(path, &e);
-    let meta = read_meta(path, file.try_clone().map_err(failed)?)?;
+    let meta = read_meta(path, &file)?;
     let refused = |why: &str| cannot_use(path, why);
-    let Some((length, hash)) =
-        meta.headers.first().map(statistics_hash).transpose().map_err(|e| refused(&e.to_string()))?.flatten()
-    else {
-        return Ok(None);
+    let Some(header) = meta.headers.first() else { return Ok(None) };
+    let (length, hash) = match (attribute(header, LENGTH), attribute(header, HASH)) {
+        (None, None) => return Ok(None),
+        (Some(AttributeValue::F64(length)), Some(AttributeValue::Text(hash))) => (*length as u64, hash.to_string()),
+        _ => return Err(refused("invalid: its statistics have no length or hash")),
     };
     let all = file.metadata().map_err(failed)?.len();
     let start = all.checked_sub(length).ok_or_else(|| refused("its statistics are cut off"))?;
@@ -149,17 +150,6 @@ pub fn read_statistics(path: &Path) -> Outcome<Option<Vec<u8>>> {
         return Err(refused("its statistics are not those that were written: the file is damaged"));
     }
     Ok(Some(bytes))
-}
-
-/// Length and hash of the statistics of a part, if there are any.
-fn statistics_hash(header: &ExrHeader) -> Result<Option<(u64, String)>> {
-    match (attribute(header, LENGTH), attribute(header, HASH)) {
-        (None, None) => Ok(None),
-        (Some(AttributeValue::F64(length)), Some(AttributeValue::Text(hash))) => {
-            Ok(Some((*length as u64, hash.to_string())))
-        }
-        _ => Err(invalid("its statistics have no length or hash")),
-    }
 }
 
 /// Length of a picture's file in bytes.
@@ -199,7 +189,7 @@ fn check_head(path: &Path, file: &File) -> Outcome<()> {
     })
 }
 
-pub(super) fn cannot_use(path: &Path, why: &str) -> Error {
+pub fn cannot_use(path: &Path, why: &str) -> Error {
     Error::Data(format!("{}: cannot use this OpenEXR file: {why}", path.display()))
 }
 
@@ -361,17 +351,23 @@ pub(super) fn each_block(
 }
 
 fn read_line(line: &LineRef, kind: SampleType, put: impl FnMut(usize, f32)) -> Result<()> {
-    fn read<T: exr::io::Data>(line: &LineRef, f: impl Fn(T) -> f32, mut put: impl FnMut(usize, f32)) -> Result<()> {
-        for (i, sample) in line.read_samples::<T>().enumerate() {
-            put(i, f(sample?));
-        }
-        Ok(())
-    }
     match kind {
-        SampleType::F16 => read(line, f16::to_f32, put),
-        SampleType::F32 => read(line, |x| x, put),
-        SampleType::U32 => read(line, |x: u32| x as f32, put),
+        SampleType::F16 => each_sample(line, f16::to_f32, put),
+        SampleType::F32 => each_sample(line, |x: f32| x, put),
+        SampleType::U32 => each_sample(line, |x: u32| x as f32, put),
     }
+}
+
+/// Converts the samples of a line, which have the type `T`, and passes them on with their index.
+pub(super) fn each_sample<T: exr::io::Data, V>(
+    line: &LineRef,
+    convert: impl Fn(T) -> V,
+    mut put: impl FnMut(usize, V),
+) -> Result<()> {
+    for (i, sample) in line.read_samples::<T>().enumerate() {
+        put(i, convert(sample?));
+    }
+    Ok(())
 }
 
 fn attribute<'a>(header: &'a ExrHeader, name: &str) -> Option<&'a AttributeValue> {

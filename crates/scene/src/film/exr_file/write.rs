@@ -34,15 +34,9 @@ pub struct Layers<'a> {
     pub denoised: &'a [(String, Vec<[f32; 3]>)],
 }
 
-impl<'a, const N: usize> From<&'a [Aov; N]> for Layers<'a> {
-    fn from(aovs: &'a [Aov; N]) -> Self {
-        Layers { aovs, ..Default::default() }
-    }
-}
-
-impl<'a> From<&'a [Aov]> for Layers<'a> {
-    fn from(aovs: &'a [Aov]) -> Self {
-        Layers { aovs, ..Default::default() }
+impl<'a, T: AsRef<[Aov]> + ?Sized> From<&'a T> for Layers<'a> {
+    fn from(aovs: &'a T) -> Self {
+        Layers { aovs: aovs.as_ref(), ..Default::default() }
     }
 }
 
@@ -127,8 +121,9 @@ fn image_of<'a>(pixels: &'a dyn Pixels, layers: Layers<'a>, header: &Header) -> 
         .into_iter()
         .chain(aovs.iter().flat_map(|aov| aov.channels(pixels.has_aovs(), with_extras, pixels.light_groups())));
     let channels = channels.map(|channel| {
-        let (name, value) = (text(&channel.name), channel.value);
-        let row = converted.filter(|_| is_color(&channel)).map(|matrix| matrix.row(channel.component));
+        let (name, value, half) = (text(&channel.name), channel.value, channel.half);
+        let is_color = half && channel.name.ends_with(['R', 'G', 'B']);
+        let row = converted.filter(|_| is_color).map(|matrix| matrix.row(channel.component));
         let float = move |x, y| {
             let (x, y) = (x0 + x as u32, y0 + y as u32);
             match row {
@@ -142,13 +137,11 @@ fn image_of<'a>(pixels: &'a dyn Pixels, layers: Layers<'a>, header: &Header) -> 
             }
         };
         let samples = match value {
-            Value::Color(_) | Value::ExtraColor(_) | Value::Light(_) if layers.half => {
-                Samples::Half(Box::new(move |x, y| half(float(x, y))))
-            }
             Value::Uint(f) => Samples::Uint(Box::new(move |x, y| {
                 let (stats, sums) = pixels.at(x0 + x as u32, y0 + y as u32);
                 f(&stats, &sums)
             })),
+            _ if half && layers.half => Samples::Half(Box::new(move |x, y| nearest_half(float(x, y)))),
             _ => Samples::Float(Box::new(float)),
         };
         AnyChannel::new(name, samples)
@@ -186,7 +179,7 @@ fn image_of<'a>(pixels: &'a dyn Pixels, layers: Layers<'a>, header: &Header) -> 
                 converted.map_or(color[c], |matrix| matrix.row(c).dot(color.into()))
             };
             let samples = match layers.half {
-                true => Samples::Half(Box::new(move |x, y| half(value(x, y)))),
+                true => Samples::Half(Box::new(move |x, y| nearest_half(value(x, y)))),
                 false => Samples::Float(Box::new(value)),
             };
             AnyChannel::new(text(&format!("{name}.{letter}")), samples)
@@ -202,14 +195,8 @@ fn image_of<'a>(pixels: &'a dyn Pixels, layers: Layers<'a>, header: &Header) -> 
     (shared, layer)
 }
 
-/// Is it red, green or blue of a colour?
-fn is_color(channel: &Channel) -> bool {
-    matches!(channel.value, Value::Color(_) | Value::ExtraColor(_) | Value::Light(_))
-        && channel.name.ends_with(['R', 'G', 'B'])
-}
-
 /// The nearest 16-bit float; larger finite values become the largest finite one.
-fn half(x: f32) -> f16 {
+fn nearest_half(x: f32) -> f16 {
     if x.is_finite() { f16::from_f32(x.clamp(f16::MIN.to_f32(), f16::MAX.to_f32())) } else { f16::from_f32(x) }
 }
 
