@@ -68,41 +68,23 @@ fn stopped(scene: &Arc<Scene>) -> Vec<Vec<bool>> {
     all
 }
 
-fn count(stopped: &[bool]) -> usize {
-    stopped.iter().filter(|&&stopped| stopped).count()
-}
-
-#[test]
-fn masked_surfaces_below_their_cutoff_are_not_there() {
-    for stopped in stopped(&squares(0.49, AlphaMode::Mask(0.5))) {
-        assert_eq!(count(&stopped), 0);
-    }
-}
-
-#[test]
-fn masked_surfaces_at_their_cutoff_are_there() {
-    for stopped in stopped(&squares(0.5, AlphaMode::Mask(0.5))) {
-        assert_eq!(count(&stopped), RAYS);
-    }
-}
-
-#[test]
-fn alpha_of_opaque_materials_is_ignored() {
-    for stopped in stopped(&squares(0.0, AlphaMode::Opaque)) {
-        assert_eq!(count(&stopped), RAYS);
-    }
-}
-
 /// Five standard deviations: fewer than one false alarm in 1.7 million such tests.
 #[test]
-fn blended_surfaces_are_there_as_often_as_their_alpha_says() {
-    for alpha in [0.0, 0.3, 1.0] {
-        for stopped in stopped(&squares(alpha, AlphaMode::Blend)) {
-            let (n, p) = (RAYS as f64, f64::from(alpha));
+fn surfaces_are_there_as_often_as_their_alpha_and_its_mode_say() {
+    for (alpha, mode, share) in [
+        (0.0, AlphaMode::Opaque, 1.0_f32),
+        (0.49, AlphaMode::Mask(0.5), 0.0),
+        (0.5, AlphaMode::Mask(0.5), 1.0),
+        (0.0, AlphaMode::Blend, 0.0),
+        (0.3, AlphaMode::Blend, 0.3),
+        (1.0, AlphaMode::Blend, 1.0),
+    ] {
+        for stopped in stopped(&squares(alpha, mode)) {
+            let (n, p) = (RAYS as f64, f64::from(share));
             let deviation = (n * p * (1.0 - p)).sqrt();
-            let surplus = count(&stopped) as f64 - n * p;
-            // Half a ray for the rounding of n p.
-            assert!(surplus.abs() <= 5.0 * deviation + 0.5, "{surplus} of {n} rays at alpha {alpha}");
+            let surplus = stopped.iter().filter(|&&stopped| stopped).count() as f64 - n * p;
+            // Half a ray for the rounding of n p; where all or none are stopped, that is the exact number.
+            assert!(surplus.abs() <= 5.0 * deviation + 0.5, "{surplus} of {n} rays at alpha {alpha}, {mode:?}");
         }
     }
 }
