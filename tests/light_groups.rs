@@ -15,6 +15,7 @@ use crate::helpers::gltf_parts::Parts;
 use crate::helpers::program::{Folder, assert_same_bits, bismar, expect, says, stderr};
 use crate::helpers::stage::{Stage, area_light, lambert, look, metal, punctual, rectangle};
 use crate::helpers::statistics::{Mean, z_limit};
+use crate::merge::in_parts;
 use crate::pictures::{denoiser, false_denoiser};
 
 /// A floor, a wall of metal and a shelf under two lamps of one mesh each, an unlit sign, a point, a spherical light and a sky;
@@ -168,11 +169,7 @@ fn groups_are_merged_and_resumed_and_mixed_after_the_render() {
     fs::write(at("a.gltf"), gltf()).unwrap();
     let line = "render a.gltf --size 24x16 --spp 256 -q --light-groups key=Sun*,fill,glow";
     expect(&folder, &format!("{line} -o whole.exr"), 0);
-    for part in 1..=2 {
-        expect(&folder, &format!("{line} --part {part}/2 -o {part}.exr"), 0);
-    }
-    expect(&folder, "merge 1.exr 2.exr -o merged.exr -q", 0);
-    assert_same_bits(&at("whole.exr"), &at("merged.exr"));
+    assert_same_bits(&at("whole.exr"), &in_parts(&folder, line, 2));
     expect(&folder, &format!("{line} --checkpoint 9 -o out.exr").replace("256", "128"), 0);
     expect(&folder, &format!("{line} -o out.exr --resume"), 0);
     assert_same_bits(&at("whole.exr"), &at("out.exr"));
@@ -198,6 +195,7 @@ fn groups_are_merged_and_resumed_and_mixed_after_the_render() {
     expect(&folder, &format!("develop hand.exr {develop} -o b.png"), 0);
     let [a, b] = ["a.png", "b.png"].map(|name| image::open(at(name)).unwrap().into_rgb8());
     assert!(a.pixels().any(|pixel| pixel.0[0] > 20) && a == b);
+    expect(&folder, "render a.gltf --size 24x16 --spp 256 -q --light-groups all=* --part 2/2 -o other.exr", 0);
     for (line, code, words) in [
         (
             "develop whole.exr --mix sun=1",
@@ -210,12 +208,8 @@ fn groups_are_merged_and_resumed_and_mixed_after_the_render() {
         ("develop whole.exr --mix key=-1", 64, "'key=-1' is not NAME=FACTOR"),
         ("develop whole.exr --mix key=1:2", 64, "'key=1:2' is not NAME=FACTOR"),
         ("render a.gltf --light-groups key=Sun*,all=*", 64, "'Sun.L' is in two groups, key and all"),
-        ("merge 1.exr other.exr -o no.exr", 65, "light-groups (all=* there, key=Sun*,fill,glow here)"),
+        ("merge part1.exr other.exr -o no.exr", 65, "light-groups (all=* there, key=Sun*,fill,glow here)"),
     ] {
-        if line.contains("other.exr") {
-            let other = "render a.gltf --size 24x16 --spp 256 -q --light-groups all=* --part 2/2 -o other.exr";
-            expect(&folder, other, 0);
-        }
         says(&folder, line, code, words);
     }
 }

@@ -19,6 +19,7 @@ use crate::closed_forms::{BALANCES, agrees, settings};
 use crate::glass::fresnel;
 use crate::helpers::stage::{Stage, add, area_light, closed_box, glass, lambert, look, punctual, rectangle, sphere};
 use crate::helpers::statistics::{Mean, z_limit};
+use crate::motion::pixel_means;
 
 const DIRECT: [Integrator; 1] = [Integrator::Direct];
 
@@ -240,11 +241,7 @@ fn relative_variance(
     replicas: u32,
 ) -> (f64, f64, f64) {
     let stage = Stage::new(scene.clone(), backend);
-    let mut pixels = vec![Mean::default(); (settings.width * settings.height) as usize];
-    for seed in 0..replicas {
-        let green = stage.green(&RenderSettings { seed, ..settings.clone() });
-        pixels.iter_mut().zip(green).for_each(|(pixel, green)| pixel.add(green));
-    }
+    let mut pixels = pixel_means(&stage, settings, replicas);
     let n = pixels.len() as f64;
     let mean = pixels.iter().map(|p| p.mean).sum::<f64>() / n;
     let error = pixels.iter().map(|p| p.standard_error().powi(2)).sum::<f64>().sqrt() / n;
