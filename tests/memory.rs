@@ -7,6 +7,7 @@ use serde_json::{Value, json};
 
 use crate::helpers::glb;
 use crate::helpers::program::{Folder, bismar, expect, read_json};
+use crate::reliability::said_to_need;
 
 const MIB: u64 = 1 << 20;
 
@@ -101,10 +102,8 @@ fn fields(n: usize) -> Document {
 fn said_and_taken(folder: &Path, line: &str) -> (u64, u64) {
     let line = format!("render {line} --threads 2 -o out.exr --stats out.json -v");
     let said = expect(folder, &line, 0);
-    let text = said.split("needs about ").nth(1).unwrap();
-    let said = text.split(' ').next().unwrap().parse::<u64>().unwrap() * MIB;
     let stats = read_json(&folder.join("out.json"));
-    (said, stats["peak_memory_bytes"].as_u64().unwrap())
+    (said_to_need(&said) * MIB, stats["peak_memory_bytes"].as_u64().unwrap())
 }
 
 /// Half to twice: enough to refuse what cannot fit, and not what can.

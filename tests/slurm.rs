@@ -11,6 +11,7 @@ use std::time::{Duration, Instant};
 use crate::helpers::farm::{HOSTILE, absent, folder, kill, parent, status, succeeds, writer};
 use crate::helpers::glb;
 use crate::helpers::program::{self, Folder, assert_same_bits, bismar, expect, paths};
+use crate::reliability::said_to_need;
 
 /// So long nothing happens only where something hangs: no new path in a picture, no task in a state that is new to it.
 /// Slurm itself lets seconds go by before it begins a task again, and a busy machine makes minutes of them.
@@ -453,11 +454,8 @@ fn names_are_data_to_slurm_too(_: &str) -> bool {
 
 /// Mebibytes that a render says it needs.
 fn need(folder: &Path, flags: &str) -> u64 {
-    let said =
-        expect(folder, &format!("render veach.glb {flags} --part 1/2 --threads 1 --memory-limit 1M -o no.exr"), 76);
-    let words: Vec<_> = said.split(' ').collect();
-    let at = words.iter().position(|word| *word == "MiB").unwrap();
-    words[at - 1].parse().unwrap()
+    let line = format!("render veach.glb {flags} --part 1/2 --threads 1 --memory-limit 1M -o no.exr");
+    said_to_need(&expect(folder, &line, 76))
 }
 
 /// A task's state and its merge's, as `farm status` tells them with Slurm's help.
