@@ -9,10 +9,7 @@ use bismar::lanes::{F, LANES, V3};
 use bismar::rays::Backend;
 use bismar::render::checkpoint::pack;
 use bismar::render::{Balance, Choice, Integrator, RenderSettings, Technique};
-use bismar::scene::{
-    Encoding, Environment, Filter, Image, Material, Mesh, PunctualKind, Scene, Texels, Texture, TextureRef,
-    TextureSlot, Wrap, build,
-};
+use bismar::scene::{Environment, Filter, Material, Mesh, PunctualKind, Scene, Texels, TextureSlot, Wrap, build};
 use glam::{DVec3, Vec3};
 
 use crate::closed_forms::{BALANCES, agrees, settings};
@@ -20,6 +17,7 @@ use crate::glass::fresnel;
 use crate::helpers::stage::{Stage, add, area_light, closed_box, glass, lambert, look, punctual, rectangle, sphere};
 use crate::helpers::statistics::{Mean, z_limit};
 use crate::motion::pixel_means;
+use crate::one_mean::add_texture;
 
 const DIRECT: [Integrator; 1] = [Integrator::Direct];
 
@@ -310,17 +308,8 @@ fn all_balances_agree_on_a_pane_that_is_smooth_in_parts() {
     rectangle(&mut scene, 0.0, [-3.0, 3.0], [-3.0, 3.0], true, lambert(0.6));
     rectangle(&mut scene, 1.5, [-0.4, 0.4], [-0.4, 0.4], false, area_light(9.0));
     let texels = (0..4).map(|x| [0, if x < 2 { 0 } else { 255 }, 0]).collect();
-    scene.images.push(Arc::new(Image {
-        name: "stripes".into(),
-        width: 4,
-        height: 1,
-        texels: Texels::Rgb8(texels),
-        ..Default::default()
-    }));
-    let wrap = Wrap::Repeat;
-    scene.textures.push(Texture { image: 0, wrap_s: wrap, wrap_t: wrap, filter: Filter::Linear });
+    let stripes = add_texture(&mut scene, 4, Texels::Rgb8(texels), Wrap::Repeat, Filter::Linear);
     let mut material = Material { roughness: 0.5, ..pane() };
-    let stripes = TextureRef { texture: 0, set: 0, transform: None, encoding: Encoding::Linear };
     material.textures[TextureSlot::MetallicRoughness] = Some(stripes);
     let points = vec![[-1.0, 0.7, -1.0], [-1.0, 0.7, 1.0], [1.0, 0.7, 1.0], [1.0, 0.7, -1.0]];
     let mut mesh = Mesh::new(points, vec![[0, 1, 2], [0, 2, 3]]);
