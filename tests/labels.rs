@@ -9,6 +9,7 @@ use serde_json::{Value, json};
 use crate::helpers::glb;
 use crate::helpers::gltf_parts::Parts;
 use crate::helpers::program::{Folder, attribute, bits, expect, names, read_json, says, scene};
+use crate::import_reach::chunks;
 
 #[test]
 fn annotations_and_ids_are_those_of_the_aov() {
@@ -163,9 +164,7 @@ fn depth_and_normals_are_those_of_the_picture_in_metres_and_on_the_axes_asked_fo
 #[test]
 fn categories_are_those_of_the_nodes_extras_or_of_a_node_above() {
     let path = &Folder::new();
-    let file = fs::read(scene("cornell.glb")).unwrap();
-    let length = u32::from_le_bytes(file[12..16].try_into().unwrap()) as usize;
-    let mut document: Value = serde_json::from_slice(&file[20..20 + length]).unwrap();
+    let (mut document, binary) = chunks(&fs::read(scene("cornell.glb")).unwrap()).unwrap();
     let nodes = document["nodes"].as_array_mut().unwrap();
     let index = |name: &str| nodes.iter().position(|node| node["name"] == name);
     let (tall, short, floor) = (index("tall block").unwrap(), index("short block").unwrap(), index("floor").unwrap());
@@ -180,7 +179,7 @@ fn categories_are_those_of_the_nodes_extras_or_of_a_node_above() {
             *root = json!(above);
         }
     }
-    fs::write(path.join("c.glb"), glb::file(&document, &file[20 + length + 8..])).unwrap();
+    fs::write(path.join("c.glb"), glb::file(&document, &binary)).unwrap();
     expect(path, "render c.glb --size 40x30 --spp 4 --aov object --checkpoint 1000 -o 1.exr -q", 0);
     expect(path, "render c.glb --size 40x30 --spp 4 --seed 1 --aov object --checkpoint 1000 -o 2.exr -q", 0);
     // A merged picture knows them too.

@@ -120,8 +120,8 @@ fn rotation_turns_the_map_about_plus_y() {
     for _ in 0..1000 {
         let d = bismar::sampling::warp::sphere(random.f32(), random.f32());
         let carried = Vec3::new(d.z, d.y, -d.x);
-        let [still, turned] = [(&still, d), (&turned, carried)].map(|(sky, d)| radiance_pdf(sky, d, Density::Radiance).0);
-        assert!((still - turned).abs().max_element() < 1e-2);
+        let of = |sky, d| radiance_pdf(sky, d, Density::Radiance).0;
+        assert!((of(&still, d) - of(&turned, carried)).abs().max_element() < 1e-2);
     }
 }
 

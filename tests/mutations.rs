@@ -23,6 +23,7 @@ use crate::helpers::program::{Folder, expect, scene, seal};
 use crate::helpers::random::Random;
 use crate::helpers::shared;
 use crate::import_packed;
+use crate::import_reach::chunks;
 
 #[path = "../fuzz/doors.rs"]
 mod doors;
@@ -62,7 +63,6 @@ fn shared_scenes() -> Vec<ValidFile> {
     some.map(|row| ValidFile { doors: SCENE, bytes: embedded(&folder.join(&row["path"])) }).collect()
 }
 
-/// Valid files of this program, each with the doors (entry points for foreign bytes) that accept it.
 /// Packed streams behind the head that `doors::decoders` takes.
 fn streams() -> Vec<Vec<u8>> {
     let head = |which: u8, kind: u8, stride: u8, counts: [u64; 2]| -> Vec<u8> {
@@ -72,13 +72,10 @@ fn streams() -> Vec<Vec<u8>> {
     let mut all = Vec::new();
     let blocks = &include_bytes!("data/uastc.bin")[..256];
     all.push([head(0, 0, 0, [0; 2]), import_packed::ktx2(blocks, 0)].concat());
-    let parts = |file: &[u8]| {
-        let text = u32::from_le_bytes(file[12..16].try_into().unwrap()) as usize;
-        (serde_json::from_slice::<Value>(&file[20..20 + text]).unwrap(), file[28 + text..].to_vec())
-    };
     let number = |value: &Value| value.as_u64().unwrap();
     for sequence in [false, true] {
-        let (json, binary) = parts(&import_packed::meshopt("EXT_meshopt_compression", 1, sequence, sequence));
+        let file = import_packed::meshopt("EXT_meshopt_compression", 1, sequence, sequence);
+        let (json, binary) = chunks(&file).unwrap();
         let packed = &json["bufferViews"][0]["extensions"]["EXT_meshopt_compression"];
         let [start, length, count, stride] =
             ["byteOffset", "byteLength", "count", "byteStride"].map(|key| number(&packed[key]));
@@ -87,7 +84,7 @@ fn streams() -> Vec<Vec<u8>> {
         all.push([head(1, filter, stride as u8, [count, 0]), stream.to_vec()].concat());
     }
     for speed in [0, 10] {
-        let (json, binary) = parts(&import_packed::draco(speed));
+        let (json, binary) = chunks(&import_packed::draco(speed)).unwrap();
         let primitive = &json["meshes"][0]["primitives"][0];
         let packed = &primitive["extensions"]["KHR_draco_mesh_compression"];
         let view = &json["bufferViews"][number(&packed["bufferView"]) as usize];
@@ -100,6 +97,7 @@ fn streams() -> Vec<Vec<u8>> {
     all
 }
 
+/// Valid files of this program, each with the doors (entry points for foreign bytes) that accept it.
 fn valid_files() -> Vec<ValidFile> {
     let folder = Folder::new();
     let mut all = Vec::new();
@@ -278,15 +276,12 @@ fn mutate_json(json: &mut Value, random: &mut Random) {
 
 /// A scene or plan by its values, and by the bytes that they speak of; `None` if it is no document.
 fn mutated_document(bytes: &[u8], random: &mut Random) -> Option<Vec<u8>> {
-    let word = |at: usize| Some(u32::from_le_bytes(bytes.get(at..at + 4)?.try_into().ok()?) as usize);
     if !bytes.starts_with(b"glTF") {
         let mut json = serde_json::from_slice(bytes).ok()?;
         mutate_json(&mut json, random);
         return Some(json.to_string().into_bytes());
     }
-    let end = 20 + word(12)?;
-    let mut json = serde_json::from_slice(bytes.get(20..end)?).ok()?;
-    let mut binary = bytes.get(end + 8..).unwrap_or_default().to_vec();
+    let (mut json, mut binary) = chunks(bytes)?;
     for _ in 0..random.below(4) {
         let at = random.below(binary.len());
         binary.iter_mut().skip(at).take(1).for_each(|byte| *byte ^= 1 << random.below(8));

@@ -15,6 +15,7 @@ use crate::helpers::glb;
 use crate::helpers::program::{
     Folder, assert_same_bits, attribute, bismar, bits, expect, names, read_json, says, stderr,
 };
+use crate::import_reach::chunks;
 
 const FLAGS: &str = "--size 24x18 --spp 4 --fps 10";
 
@@ -28,11 +29,10 @@ fn no_frame_overwrites_what_it_is_made_of() {
     let path = &folder();
     let glb = glb::moving();
     fs::write(path.join("own.0001.glb"), &glb).unwrap();
-    let text = u32::from_le_bytes(glb[12..16].try_into().unwrap()) as usize;
-    let mut json: Value = serde_json::from_slice(&glb[20..20 + text]).unwrap();
+    let (mut json, binary) = chunks(&glb).unwrap();
     json["buffers"][0]["uri"] = "own.0001.bin".into();
     fs::write(path.join("own.gltf"), json.to_string()).unwrap();
-    fs::write(path.join("own.0001.bin"), &glb[28 + text..]).unwrap();
+    fs::write(path.join("own.0001.bin"), binary).unwrap();
     for (scene, stats, file) in
         [("own.0001.glb", "own.####.glb", "own.0001.glb"), ("own.gltf", "own.{frame:04}.bin", "own.0001.bin")]
     {
