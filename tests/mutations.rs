@@ -57,8 +57,7 @@ fn shared_scenes() -> Vec<ValidFile> {
     let Some(folder) = shared::folder() else { return Vec::new() };
     let mut rows = shared::scenes(&folder);
     rows.retain(|row| row["bytes_total"].parse::<u64>().is_ok_and(|bytes| bytes < 40_000));
-    let malformed = |path: &str| path.starts_with("malformed");
-    let (malformed, others): (Vec<_>, Vec<_>) = rows.iter().partition(|row| malformed(&row["path"]));
+    let (malformed, others): (Vec<_>, Vec<_>) = rows.iter().partition(|row| row["path"].starts_with("malformed"));
     let some = malformed.into_iter().step_by(4).chain(others);
     some.map(|row| ValidFile { doors: SCENE, bytes: embedded(&folder.join(&row["path"])) }).collect()
 }
@@ -69,9 +68,8 @@ fn streams() -> Vec<Vec<u8>> {
         let counts = counts.into_iter().flat_map(|count| (count as u32).to_le_bytes());
         [which, kind, stride, 0].into_iter().chain(counts).collect()
     };
-    let mut all = Vec::new();
     let blocks = &include_bytes!("data/uastc.bin")[..256];
-    all.push([head(0, 0, 0, [0; 2]), import_packed::ktx2(blocks, 0)].concat());
+    let mut all = vec![[head(0, 0, 0, [0; 2]), import_packed::ktx2(blocks, 0)].concat()];
     let number = |value: &Value| value.as_u64().unwrap();
     for sequence in [false, true] {
         let file = import_packed::meshopt("EXT_meshopt_compression", 1, sequence, sequence);
@@ -103,22 +101,21 @@ fn valid_files() -> Vec<ValidFile> {
     let mut all = Vec::new();
     let mut add = |doors: &'static [&'static str], bytes: Vec<u8>| all.push(ValidFile { doors, bytes });
 
-    for file in [glb::triangle(), glb::quad(), glb::moving()] {
+    for file in [
+        glb::triangle(),
+        glb::quad(),
+        glb::moving(),
+        import_packed::meshopt("EXT_meshopt_compression", 0, true, false),
+        import_packed::meshopt("KHR_meshopt_compression", 1, false, true),
+        import_packed::draco(0),
+        import_packed::draco(10),
+        Parts::default().json().into_bytes(),
+        fs::read(scene("cornell.glb")).unwrap(),
+        fs::read(scene("veach.glb")).unwrap(),
+    ] {
         add(SCENE, file);
     }
-    add(SCENE, import_packed::meshopt("EXT_meshopt_compression", 0, true, false));
-    add(SCENE, import_packed::meshopt("KHR_meshopt_compression", 1, false, true));
-    for speed in [0, 10] {
-        add(SCENE, import_packed::draco(speed));
-    }
-    add(SCENE, Parts::default().json().into_bytes());
-    for name in ["cornell.glb", "veach.glb"] {
-        add(SCENE, fs::read(scene(name)).unwrap());
-    }
-
-    for stream in streams() {
-        add(&["decoders"], stream);
-    }
+    streams().into_iter().for_each(|stream| add(&["decoders"], stream));
 
     let pixels: Vec<u8> = (0..16 * 9 * 3).map(|i: u32| (i * i / 7) as u8).collect();
     let mut png = Vec::new();
@@ -149,8 +146,7 @@ fn valid_files() -> Vec<ValidFile> {
     let halves = |c: usize| FlatSamples::F16((0..24 * 20).map(|i| f16::from_f32((i * c % 31) as f32)).collect());
     for (i, compression) in compressions.into_iter().enumerate() {
         let channels = ["R", "G", "B"].iter().enumerate().map(|(c, name)| AnyChannel::new(*name, halves(c + 1)));
-        let tiles = Blocks::Tiles(Vec2(8, 8));
-        let blocks = if i % 2 == 0 { Blocks::ScanLines } else { tiles };
+        let blocks = if i % 2 == 0 { Blocks::ScanLines } else { Blocks::Tiles(Vec2(8, 8)) };
         let encoding = Encoding { compression, blocks, line_order: LineOrder::Increasing };
         let channels = AnyChannels::sort(channels.collect());
         let layer = Layer::new((24, 20), LayerAttributes::named("a"), encoding, channels);
@@ -162,10 +158,8 @@ fn valid_files() -> Vec<ValidFile> {
     add(&["exr"], fs::read(at("film.exr")).unwrap());
 
     fs::copy(scene("cornell.glb"), at("cornell.glb")).unwrap();
-    let line = "render cornell.glb --size 34x20 --spp 8 --checkpoint 9 -q -o out.exr";
-    expect(&folder, line, 0);
-    let out = fs::read(at("out.exr")).unwrap();
-    add(&["exr", "checkpoint"], out);
+    expect(&folder, "render cornell.glb --size 34x20 --spp 8 --checkpoint 9 -q -o out.exr", 0);
+    add(&["exr", "checkpoint"], fs::read(at("out.exr")).unwrap());
     add(&["statistics"], exr_file::read_statistics(&at("out.exr")).unwrap().unwrap());
 
     let jobs = "[defaults]\nspp = 4\noutput = '{name}-{seed}.exr'\n[[job]]\nscene = 'a.glb'\nno-env = true\nseed = 1\n\
@@ -177,12 +171,9 @@ fn valid_files() -> Vec<ValidFile> {
     }
     expect(&folder, "farm submit jobs.toml --format openjd --parts 2", 0);
     add(&["farm"], fs::read(at("jobs.farm/farm.json")).unwrap());
-    add(
-        &["farm"],
-        br#"{"version":"pathmapping-1.0","path_mapping_rules":[{"source_path_format":"POSIX",
-        "source_path":"/a","destination_path":"/b"}]}"#
-            .to_vec(),
-    );
+    let rules = r#"{"version":"pathmapping-1.0","path_mapping_rules":[{"source_path_format":"POSIX",
+        "source_path":"/a","destination_path":"/b"}]}"#;
+    add(&["farm"], rules.into());
     all
 }
 
@@ -359,12 +350,7 @@ fn no_mutated_file_panics_aborts_or_hangs() {
     let mut valid = valid_files();
     valid.extend(shared_scenes());
     let folder = Folder::new();
-    let mut failures = Vec::new();
-    for number in numbers {
-        if !attempt(&valid, number, &folder) {
-            failures.push(number);
-        }
-    }
+    let failures: Vec<_> = numbers.filter(|number| !attempt(&valid, *number, &folder)).collect();
     let largest = valid.iter().map(|s| s.bytes.len() as u64).max().unwrap();
     let peak = peak_memory_bytes();
     assert!(failures.is_empty(), "BISMAR_MUTATION={}", failures[0]);
