@@ -80,14 +80,6 @@ fn alpha_is_1_where_the_sky_is_shown_and_coverage_where_it_is_left_out() {
     assert!(opaque.iter().zip(&open).all(|(a, b)| (a - b).abs() <= 0.5 / 255.0 + 1e-6));
 }
 
-#[test]
-fn where_nothing_is_depth_is_finite() {
-    let folder = folder();
-    expect(&folder, "render cornell.glb --size 40x30 --spp 2 -q --aov depth -o a.exr", 0);
-    let depth = channel(&folder.join("a.exr"), "depth.Z");
-    assert!(depth.contains(&1e10) && depth.iter().all(|d| *d > 0.0 && *d <= 1e10));
-}
-
 fn rgb(path: &Path) -> Vec<u8> {
     image::open(path).unwrap().into_rgb8().into_raw()
 }

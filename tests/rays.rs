@@ -136,7 +136,6 @@ fn closest_hits_are_those_of_brute_force_in_double_precision() {
             let unique = reference.check(&rays, &hits);
             let hit = hits.prim.iter().filter(|&&prim| prim != MISS).count();
             if len == 1000 {
-                println!("{:?}: {hit} hits, {unique} unique", backend.info());
                 // The test is not vacuous: many rays hit, and few are within rounding of an edge.
                 assert!(hit > 300 && hit < 700, "{hit}");
                 assert!(unique > 990, "{unique}");

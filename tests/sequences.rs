@@ -55,14 +55,11 @@ fn frames_are_the_pictures_of_single_commands_and_again_only_what_is_missing_is_
     }
     let all: HashSet<_> = [1, 3, 5, 8].map(|n| bits(&path.join(format!("out/a.000{n}.exr")))).into();
     assert_eq!(all.len(), 4, "nothing moves");
-    let dates = || {
-        names(&path.join("out"))
-            .into_iter()
-            .map(|n| fs::metadata(path.join("out").join(n)).unwrap().modified().unwrap())
-    };
-    let before: Vec<_> = dates().collect();
+    let date = |name: String| fs::metadata(path.join("out").join(name)).unwrap().modified().unwrap();
+    let dates = || names(&path.join("out")).into_iter().map(date).collect::<Vec<_>>();
+    let before = dates();
     says(path, &line, 0, "4 done before");
-    assert!(dates().eq(before.iter().copied()));
+    assert_eq!(dates(), before);
     fs::remove_file(path.join("out/a.0005.exr")).unwrap();
     says(path, &line, 0, "1 done, 3 done before");
     // One seed for all is another picture, and is asked for by name.
@@ -71,10 +68,8 @@ fn frames_are_the_pictures_of_single_commands_and_again_only_what_is_missing_is_
     expect(path, &format!("render moving.glb --frame 3 {FLAGS} -o single.exr -q"), 0);
     assert_same_bits(&path.join("single.exr"), &path.join("fixed.0003.exr"));
     assert_ne!(bits(&path.join("fixed.0003.exr")), bits(&path.join("out/a.0003.exr")));
-    assert_ne!(
-        attribute(&path.join("fixed.0003.exr"), "bismar.request"),
-        attribute(&path.join("out/a.0003.exr"), "bismar.request")
-    );
+    let request = |name: &str| attribute(&path.join(name), "bismar.request");
+    assert_ne!(request("fixed.0003.exr"), request("out/a.0003.exr"));
     // The default name is the scene's.
     expect(path, &format!("render moving.glb --frames 2 {FLAGS} -q"), 0);
     assert!(path.join("moving.0002.exr").exists());
@@ -260,10 +255,8 @@ fn sequences_are_compared_frame_by_frame() {
     assert!(table.contains("4 frames") && table.contains("worst is frame 3"), "{table}");
     assert!(said.contains("only of a.##.exr, not compared: frame 5"), "{said}");
     let page = fs::read_to_string(path.join("page.html")).unwrap();
-    assert!(
-        page.contains("a.03.exr") && page.contains("Error over frames: 4 frames") && !page.contains("{{"),
-        "{page}"
-    );
+    assert!(["a.03.exr", "Error over frames: 4 frames"].iter().all(|words| page.contains(words)), "{page}");
+    assert!(!page.contains("{{"), "{page}");
     assert_eq!(page.matches("<polyline").count(), 2);
     assert_eq!(fs::read_to_string(path.join("rows.csv")).unwrap().lines().count(), 5);
     let (code, json, _) = compare("--json --max-relmse 1e-9");
