@@ -40,13 +40,10 @@ fn a_change_of_scenes_is_shown_and_goldens_are_checked() {
     if !has("git") || !has("python3") {
         return skipped("git or python3 is not installed");
     }
-    let path = &Folder::new();
-    fs::create_dir_all(path.join("assets/deep")).unwrap();
+    let folder = Folder::new().with_scene("assets/deep/room.glb", "cornell.glb");
+    let path = &folder.with("assets/same.glb", glb::triangle()).with("assets/gone.glb", glb::triangle());
     let put = |name: &str, bytes: &[u8]| fs::write(path.join("assets").join(name), bytes).unwrap();
     let cornell = fs::read(scene("cornell.glb")).unwrap();
-    put("same.glb", &glb::triangle());
-    put("deep/room.glb", &cornell);
-    put("gone.glb", &glb::triangle());
     git(path, "init -q");
     git(path, "add .");
     git(path, "commit -qm base");

@@ -11,10 +11,11 @@ use crate::helpers::gltf_parts::Parts;
 use crate::helpers::program::{Folder, attribute, bits, expect, names, read_json, says, scene};
 use crate::helpers::statistics::Mean;
 use crate::import_reach::chunks;
+use crate::views::folder;
 
 #[test]
 fn annotations_and_ids_are_those_of_the_aov() {
-    let path = &Folder::new().with_scene("c.glb", "cornell.glb");
+    let path = &folder();
     let line = "render c.glb --turntable 2 --orbit 20,10,0.6 --size 40x30 --spp 2 --aov object,material";
     expect(path, &format!("{line} -o set/#.exr --preview set/#.jpg -q"), 0);
     expect(path, "labels set/0.exr set/1.exr -o set/a.json --images jpg --ids", 0);
@@ -56,7 +57,7 @@ fn annotations_and_ids_are_those_of_the_aov() {
 
 #[test]
 fn previews_are_of_the_format_that_their_name_says() {
-    let path = &Folder::new().with_scene("c.glb", "cornell.glb");
+    let path = &folder();
     let line = "render c.glb --camera framed --sky --transparent --size 40x30 --spp 4 -q";
     expect(path, &format!("{line} -o a.exr --preview a.png"), 0);
     let png = image::open(path.join("a.png")).unwrap().into_rgba8();
@@ -97,7 +98,7 @@ fn npy(path: &Path) -> (String, Vec<u32>) {
 
 #[test]
 fn depth_and_normals_are_those_of_the_picture_in_metres_and_on_the_axes_asked_for() {
-    let path = &Folder::new().with_scene("c.glb", "cornell.glb");
+    let path = &folder();
     let line = "render c.glb --turntable 2 --orbit 20,10,1.2 --size 40x30 --spp 2 --aov depth,normal,object";
     expect(path, &format!("{line} -o set/#.exr -q"), 0);
     expect(path, "labels set --depth npy,png --depth-scale 0.0005 --normals npy,png -q", 0);

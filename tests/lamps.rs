@@ -98,13 +98,8 @@ fn lies_about_lamps_change_no_mean() {
             let light_sample_record = |n: u32| {
                 let position = Vec3::new(5.0 * random.f32() - 2.5, 2.5 * random.f32(), 5.0 * random.f32() - 2.5);
                 let (emitter, chance) = (n % area_lights, random.f32());
-                LightSampleRecord {
-                    position,
-                    normal: Vec3::Y,
-                    emitter,
-                    pixel: 0,
-                    contribution: learned(position, emitter, chance),
-                }
+                let contribution = learned(position, emitter, chance);
+                LightSampleRecord { position, normal: Vec3::Y, emitter, pixel: 0, contribution }
             };
             let light_sample_records: Vec<_> = (0..20_000).map(light_sample_record).collect();
             let lights = LearnedLights::learn(tree, &light_sample_records, 1.0).unwrap();

@@ -227,15 +227,10 @@ fn lamp_samples_follow_the_pdf() {
         let scene = area_lights(double_sided);
         let lights = AreaLights::new(&scene).unwrap();
         // One finds much, another little, the third nothing.
-        let light_sample_record = |i: u32| LightSampleRecord {
-            position: Vec3::ZERO,
-            normal: n,
-            emitter: i % 3,
-            pixel: 0,
-            contribution: (i % 3) as f32,
-        };
-        let light_sample_records: Vec<_> = (0..300).map(light_sample_record).collect();
-        let learned = LearnedLights::learn(lights.tree(), &light_sample_records, 1.0).filter(|_| learns);
+        let (position, normal) = (Vec3::ZERO, n);
+        let record = |i: u32| LightSampleRecord { position, normal, emitter: i, pixel: 0, contribution: i as f32 };
+        let records: Vec<_> = (0..300).map(|i| record(i % 3)).collect();
+        let learned = LearnedLights::learn(lights.tree(), &records, 1.0).filter(|_| learns);
         assert!((lights.levels() - 3.0f32.log2()).abs() < 1e-6);
         let name = format!("lamps, double_sided {double_sided}, normal {n}, learned {learns}");
         follow_the_pdf(&name, &scene, n, learned.as_ref(), 31);

@@ -6,13 +6,10 @@ use std::path::Path;
 use serde_json::{Value, json};
 
 use crate::helpers::glb;
-use crate::helpers::program::{Folder, expect, names, says, stdout};
+use crate::helpers::program::{expect, names, says, stdout};
+use crate::views::folder;
 
 const SMALL: &str = "--size 48x48 --spp 4 -q";
-
-fn folder() -> Folder {
-    Folder::new().with_scene("c.glb", "cornell.glb")
-}
 
 /// Runs `look` with a line of arguments and returns its JSON.
 fn look(folder: &Path, line: &str, code: i32) -> Value {

@@ -6,11 +6,8 @@ use std::path::{Path, PathBuf};
 use bismar::film::exr_file;
 use bismar::render::checkpoint::unpack;
 
-use crate::helpers::program::{self, Folder, assert_same_bits, bits, expect, names, says};
-
-fn folder() -> Folder {
-    Folder::new().with_scene("veach.glb", "veach.glb")
-}
+use crate::helpers::farm::folder;
+use crate::helpers::program::{self, assert_same_bits, bits, expect, names, says};
 
 /// The merge of a render's parts, which are `part1.exr` and so on.
 #[track_caller]

@@ -12,16 +12,12 @@ use bismar::rays::Backend;
 use bismar::render::lens::{Aperture, Focus, LensSettings};
 use bismar::render::{Balance, Part, RenderSettings, RunOptions, StopReason, StudyOptions, render, replay, run};
 
-use crate::helpers::gltf_parts::{Parts, TRIANGLE, floats};
-use crate::helpers::program::{
-    self, Folder, Running, assert_same_bits, attribute, expect, names, read_json, says, stderr,
-};
+use crate::helpers::gltf_parts::floats;
+use crate::helpers::program::{self, Running, assert_same_bits, attribute, expect, names, read_json, says, stderr};
 use crate::helpers::skipped::skipped;
 use crate::helpers::stage::{Stage, hall};
-
-fn folder() -> Folder {
-    Folder::new().with_scene("cornell.glb", "cornell.glb")
-}
+use crate::import_content::{accessor, with};
+use crate::resume::folder;
 
 #[test]
 fn the_second_of_two_writers_is_told() {
@@ -100,15 +96,12 @@ fn a_noise_goal_that_goes_on_with_more_paths_says_that_its_bits_are_others() {
 #[test]
 fn parts_of_a_scene_with_and_without_a_texture_are_of_different_renders() {
     let path = &folder();
-    let mut positions = floats(&TRIANGLE);
-    positions.extend(floats(&[0.0, 0.0, 1.0, 0.0, 0.0, 1.0]));
-    let accessor = r#"{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"},
-        {"bufferView":0,"byteOffset":36,"componentType":5126,"count":3,"type":"VEC2"}"#;
-    let more = r#","materials":[{"pbrMetallicRoughness":{"baseColorTexture":{"index":0}}}],"textures":[{"source":0}],
-        "images":[{"uri":"a.png"}]"#;
-    let primitive = r#"{"attributes":{"POSITION":0,"TEXCOORD_0":1},"material":0}"#.into();
-    let (accessor, more) = (accessor.into(), more.into());
-    let parts = Parts { positions, accessor, primitive, more, ..Default::default() };
+    let coordinates = accessor(36, 5126, 3, "VEC2", false);
+    let primitive = r#"{"attributes":{"POSITION":0,"TEXCOORD_0":1},"material":0}"#;
+    let mut parts = with(floats(&[0.0, 0.0, 1.0, 0.0, 0.0, 1.0]), &coordinates, primitive);
+    parts.more = r#","materials":[{"pbrMetallicRoughness":{"baseColorTexture":{"index":0}}}],"textures":[{"source":0}],
+        "images":[{"uri":"a.png"}]"#
+        .into();
     fs::write(path.join("a.gltf"), parts.json()).unwrap();
     let part = |part: u32, code: i32| {
         let line = format!("render a.gltf --sky --size 40x30 -q --spp 4 --part {part}/2 --resume -o {part}.exr");

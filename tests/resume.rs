@@ -160,7 +160,7 @@ fn checkpoints_leave_no_trace_and_each_can_go_on() {
 /// `scenes/cornell.glb` for about a second on one thread.
 const LONG: &str = "cornell.glb --size 96x64 --spp 192";
 
-fn folder() -> Folder {
+pub fn folder() -> Folder {
     Folder::new().with_scene("cornell.glb", "cornell.glb")
 }
 

@@ -12,7 +12,7 @@ use crate::helpers::program::{Folder, assert_same_bits, attribute, channel, expe
 
 const FLAGS: &str = "--size 32x20 --spp 4";
 
-fn folder() -> Folder {
+pub fn folder() -> Folder {
     Folder::new().with_scene("c.glb", "cornell.glb")
 }
 
