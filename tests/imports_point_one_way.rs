@@ -44,22 +44,17 @@ const KEPT_IN: [(&str, &[&str]); 7] = [
 /// Where the rooms are: three crates hold them.
 const SOURCES: [&str; 3] = ["src", "crates/scene/src", "crates/transport/src"];
 
-/// All files below a folder.
-fn walk(folder: &Path, found: &mut Vec<PathBuf>) {
-    for entry in fs::read_dir(folder).unwrap() {
-        let path = entry.unwrap().path();
-        if path.is_dir() { walk(&path, found) } else { found.push(path) }
-    }
+/// All files and folders below a folder.
+fn below(folder: &Path) -> Vec<PathBuf> {
+    glob::glob(&format!("{}/**/*", folder.display())).unwrap().map(Result::unwrap).collect()
 }
 
 /// Relative path and text without comments of a folder's source files.
 fn files(source: &str) -> Vec<(String, String)> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join(source);
-    let mut paths = Vec::new();
-    walk(&folder, &mut paths);
-    let rust = paths.iter().filter(|path| path.extension().is_some_and(|extension| extension == "rs"));
+    let rust = below(&folder).into_iter().filter(|path| path.extension().is_some_and(|extension| extension == "rs"));
     let name = |path: &Path| path.strip_prefix(&folder).unwrap().to_str().unwrap().to_owned();
-    rust.map(|path| (name(path), without_comments(&fs::read_to_string(path).unwrap()))).collect()
+    rust.map(|path| (name(&path), without_comments(&fs::read_to_string(&path).unwrap()))).collect()
 }
 
 /// The sources of all crates.
@@ -323,10 +318,8 @@ fn what_only_some_rooms_may_do_is_done_there() {
 #[test]
 fn the_architecture_names_files_types_and_functions_that_exist() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let mut paths = Vec::new();
-    for folder in ["src", "crates", "study", "tests", "scripts", "lab", "examples", "python"] {
-        walk(&root.join(folder), &mut paths);
-    }
+    let folders = ["src", "crates", "study", "tests", "scripts", "lab", "examples", "python"];
+    let paths: Vec<_> = folders.iter().flat_map(|folder| below(&root.join(folder))).collect();
     let text = fs::read_to_string(root.join("docs/architecture.md")).unwrap();
     // What is between backticks, with one list in braces written out.
     let variants = |name: &str| match name.split_once('{').and_then(|(a, rest)| Some((a, rest.split_once('}')?))) {

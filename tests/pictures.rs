@@ -264,7 +264,6 @@ pub fn false_denoiser(folder: &Path, name: &str, what: &str) -> std::path::PathB
     let (source, library) = (folder.join("oidn.c"), folder.join(name));
     let code = format!(
         r#"#include <stdlib.h>
-        #include <stddef.h>
         #include <unistd.h>
         #include <string.h>
         static float *in, *out; static size_t w, h; static int code; static const char *text = "";
