@@ -6,14 +6,11 @@ use std::path::Path;
 use serde_json::{Value, json};
 
 use crate::helpers::glb;
+use crate::helpers::gltf_parts::floats;
 use crate::helpers::program::{Folder, bits, expect, read_json, says, stdout};
 use crate::reliability::said_to_need;
 
 const MIB: u64 = 1 << 20;
-
-fn floats(values: impl IntoIterator<Item = f32>) -> Vec<u8> {
-    values.into_iter().flat_map(f32::to_le_bytes).collect()
-}
 
 /// A document with one buffer.
 #[derive(Default)]
@@ -53,7 +50,7 @@ impl Document {
             [a, b, c, c, b, d]
         });
         let indices: Vec<u8> = indices.flat_map(u32::to_le_bytes).collect();
-        json!({ "attributes": { "POSITION": self.accessor(&floats(positions), "VEC3") },
+        json!({ "attributes": { "POSITION": self.accessor(&floats(&positions), "VEC3") },
             "indices": self.accessor(&indices, "SCALAR") })
     }
 
@@ -80,8 +77,8 @@ fn placed(document: &mut Document, accessor: usize) {
 
 /// The same in so many places.
 fn instanced(document: &mut Document, count: usize) {
-    let places = floats((0..count).flat_map(|i| [(i % 700) as f32, 0.0, (i / 700) as f32]));
-    let accessor = document.accessor(&places, "VEC3");
+    let places: Vec<f32> = (0..count).flat_map(|i| [(i % 700) as f32, 0.0, (i / 700) as f32]).collect();
+    let accessor = document.accessor(&floats(&places), "VEC3");
     placed(document, accessor);
 }
 
