@@ -50,8 +50,6 @@ fn room(is_on: impl Fn(usize, usize) -> bool) -> Scene {
     scene
 }
 
-const GROUPS: &str = "key=Key*,practicals=Lamp*,sky=env";
-
 fn settings() -> RenderSettings {
     RenderSettings { width: 24, height: 16, spp: Some(32), max_depth: 5, ..RenderSettings::even() }
 }
@@ -78,7 +76,7 @@ fn layers_are_pictures_by_their_lights_and_add_up_to_the_beauty() {
         (Backend::Obvhs, adaptive),
     ];
     let limit = z_limit((groups.len() + kinds.len()) * all.len());
-    let by_name: LightGroups = GROUPS.parse().unwrap();
+    let by_name: LightGroups = "key=Key*,practicals=Lamp*,sky=env".parse().unwrap();
     assert_eq!(by_name.names(), ["key", "practicals", "sky", "rest"]);
     for (number, (backend, of)) in (1..).zip(all) {
         let stage = Stage::new(Arc::new(room(|_, _| true)), backend);

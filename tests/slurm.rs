@@ -24,7 +24,7 @@ fn whatever_happens_to_tasks_the_picture_is_that_of_a_single_machine() {
     if let Some(missing) = ["sbatch", "slurmctld", "slurmd", "munged"].into_iter().find(|p| !has(p)) {
         return absent(&format!("{missing} is not installed (Debian: slurmctld slurmd slurm-client munge)"));
     }
-    let work = Work::measured();
+    let work = measured_work();
     let scenarios: [(&str, Scenario); _] = [
         ("two nodes", an_array_over_two_nodes_and_its_merge_are_the_single_machines_picture),
         ("frames", frames_over_two_nodes_outlive_kill_9),
@@ -42,8 +42,7 @@ fn whatever_happens_to_tasks_the_picture_is_that_of_a_single_machine() {
             let work = &work;
             let timed = move || {
                 let start = Instant::now();
-                let mut all = [&work.long, &work.much_longer].into_iter();
-                let stepped_in = all.any(|flags| scenario(&Slurm::start(), flags));
+                let stepped_in = work.iter().any(|flags| scenario(&Slurm::start(), flags));
                 assert!(stepped_in, "it was over before anything happened to it: a longer render is wanted");
                 println!("{name}: {:.0} s", start.elapsed().as_secs_f64());
             };
@@ -55,36 +54,27 @@ fn whatever_happens_to_tasks_the_picture_is_that_of_a_single_machine() {
 /// Given the flags of a render, on a Slurm of its own: false where it was over before the scenario could step in.
 type Scenario = fn(&Slurm, &str) -> bool;
 
-/// Flags of renders of `veach.glb` that take as long as scenarios ask for, whatever the machine.
-struct Work {
-    /// Several seconds on two free CPUs: long enough to step in, and for a limit of three.
-    long: String,
-    /// Where that was over before anybody stepped in: a machine that was busy when it was measured may be free later.
-    much_longer: String,
+/// Flags of renders of `veach.glb` that take several seconds on two free CPUs, whatever the machine: long enough to step in,
+/// and for a limit of three. The second takes longer, where the first was over before anybody stepped in: a machine that
+/// was busy when it was measured may be free later.
+fn measured_work() -> [String; 2] {
+    const SPP: f64 = 32.0;
+    const SIZE: &str = "--size 192x128";
+    let folder = folder();
+    // Processor time, which a busy machine does not change.
+    let line = format!("\"$0\" render veach.glb {SIZE} --spp {SPP} --threads 2 -q && times");
+    let mut shell = Command::new("sh");
+    shell.args(["-c", &line]).arg(program::program()).current_dir(&folder);
+    let said = succeeds(shell);
+    // The second line is of the shell's children, user and system: "0m1.250s 0m0.040s".
+    let times = said.lines().nth(1).unwrap().split(' ').map(|time| {
+        let (minutes, seconds) = time.split_once('m').unwrap();
+        60.0 * minutes.parse::<f64>().unwrap() + seconds.trim_end_matches('s').parse::<f64>().unwrap()
+    });
+    let second = SPP / times.sum::<f64>().max(0.01);
+    // In whole passes.
+    [16.0, 96.0].map(|seconds| format!("{SIZE} --spp {}", (seconds * second / 128.0).ceil() * 128.0))
 }
-
-impl Work {
-    /// By the processor time of a short render, which a busy machine does not change.
-    fn measured() -> Self {
-        const SPP: f64 = 32.0;
-        let folder = folder();
-        let line = format!("\"$0\" render veach.glb {SIZE} --spp {SPP} --threads 2 -q && times");
-        let mut shell = Command::new("sh");
-        shell.args(["-c", &line]).arg(program::program()).current_dir(&folder);
-        let said = succeeds(shell);
-        // The second line is of the shell's children, user and system: "0m1.250s 0m0.040s".
-        let times = said.lines().nth(1).unwrap().split(' ').map(|time| {
-            let (minutes, seconds) = time.split_once('m').unwrap();
-            60.0 * minutes.parse::<f64>().unwrap() + seconds.trim_end_matches('s').parse::<f64>().unwrap()
-        });
-        let second = SPP / times.sum::<f64>().max(0.01);
-        // In whole passes.
-        let flags = |seconds: f64| format!("{SIZE} --spp {}", (seconds * second / 128.0).ceil() * 128.0);
-        Self { long: flags(16.0), much_longer: flags(96.0) }
-    }
-}
-
-const SIZE: &str = "--size 192x128";
 
 /// Two nodes of two CPUs, with everything of theirs in one folder; down when dropped. And a folder with `veach.glb` for
 /// their tasks.

@@ -251,9 +251,7 @@ fn relative_variance(
     (mean, error, variances[variances.len() / 2])
 }
 
-type Light = (&'static str, fn(&mut Scene));
-
-const LIGHTS: [Light; 5] = [
+const LIGHTS: [(&str, fn(&mut Scene)); 5] = [
     ("sun", |scene| {
         let direction = Vec3::new(-1.0, -0.7, 0.2).normalize();
         scene.lights.push(punctual(PunctualKind::Directional, 10.0, Vec3::ZERO, direction));
