@@ -104,14 +104,6 @@ fn fields(n: usize) -> Document {
     document
 }
 
-/// The estimate and the peak in bytes of a render.
-fn said_and_taken(folder: &Path, line: &str) -> (u64, u64) {
-    let line = format!("render {line} --threads 2 -o out.exr --stats out.json -v");
-    let said = expect(folder, &line, 0);
-    let stats = read_json(&folder.join("out.json"));
-    (said_to_need(&said) * MIB, stats["peak_memory_bytes"].as_u64().unwrap())
-}
-
 /// Half to twice: enough to refuse what cannot fit, and not what can.
 #[test]
 fn what_a_render_says_it_needs_is_about_what_it_takes() {
@@ -131,7 +123,7 @@ fn what_a_render_says_it_needs_is_about_what_it_takes() {
     fs::write(path.join("sky.hdr"), [&head[..], &row.repeat(1024)].concat()).unwrap();
     let small = "--size 64x64 --spp 1";
     for line in [
-        "cornell.glb --size 2000x1500 --spp 1".into(),
+        "cornell.glb --size 2000x1500 --spp 1".to_owned(),
         "cornell.glb --size 1000x800 --spp 1 --aov all".into(),
         format!("mesh.glb --sky {small}"),
         format!("mesh.glb --sky {small} --rays obvhs"),
@@ -140,7 +132,9 @@ fn what_a_render_says_it_needs_is_about_what_it_takes() {
         format!("lamps.glb {small}"),
         format!("cornell.glb {small} --env sky.hdr"),
     ] {
-        let (said, taken) = said_and_taken(path, &line);
+        let said = expect(path, &format!("render {line} --threads 2 -o out.exr --stats out.json -v"), 0);
+        let said = said_to_need(&said) * MIB;
+        let taken = read_json(&path.join("out.json"))["peak_memory_bytes"].as_u64().unwrap();
         let shown = format!("{line}: {} MiB said, {} taken", said / MIB, taken / MIB);
         assert!(2 * said >= taken && said <= 2 * taken, "{shown}");
     }

@@ -230,22 +230,17 @@ fn room(panes: usize, light: impl Fn(&mut Scene)) -> Arc<Scene> {
     Arc::new(scene)
 }
 
-/// Mean of a picture with its standard error, and the median relative variance of its pixels that are not dark, from `replicas` renders. Reflections of a
+/// Mean of a picture with its standard error, and the median relative variance of its pixels that are not dark, from several renders. Reflections of a
 /// small light between two panes are rare bright paths, as without glass in front of mirrors; a median leaves them out.
-fn relative_variance(
-    scene: &Arc<Scene>,
-    backend: Backend,
-    settings: &RenderSettings,
-    replicas: u32,
-) -> (f64, f64, f64) {
-    let stage = Stage::new(scene.clone(), backend);
-    let mut pixels = pixel_means(&stage, settings, replicas);
+fn relative_variance(scene: Arc<Scene>, backend: Backend, settings: &RenderSettings) -> (f64, f64, f64) {
+    const REPLICAS: u32 = 12;
+    let mut pixels = pixel_means(&Stage::new(scene, backend), settings, REPLICAS);
     let n = pixels.len() as f64;
     let mean = pixels.iter().map(|p| p.mean).sum::<f64>() / n;
     let error = pixels.iter().map(|p| p.standard_error().powi(2)).sum::<f64>().sqrt() / n;
     // The view through the window is black.
     pixels.retain(|pixel| pixel.mean > 0.1 * mean);
-    let variance = |p: &Mean| f64::from(replicas) * (p.standard_error() / p.mean).powi(2);
+    let variance = |p: &Mean| f64::from(REPLICAS) * (p.standard_error() / p.mean).powi(2);
     let mut variances: Vec<_> = pixels.iter().map(variance).collect();
     variances.sort_by(f64::total_cmp);
     (mean, error, variances[variances.len() / 2])
@@ -278,7 +273,7 @@ fn a_room_behind_panes_is_no_noisier_than_one_without() {
             [(Backend::Embree, Choice::Off), (Backend::Obvhs, Choice::Off), (Backend::Embree, Choice::On)]
         {
             let settings = settings.clone().with(Technique::Guiding, guiding);
-            let [open, one, two] = [0, 1, 2].map(|n| relative_variance(&room(n, light), backend, &settings, 12));
+            let [open, one, two] = [0, 1, 2].map(|n| relative_variance(room(n, light), backend, &settings));
             for (panes, (mean, error, variance)) in [(1, one), (2, two)] {
                 let (left, ratio) = (mean / open.0, variance / open.2);
                 let error = left * (error / mean).hypot(open.1 / open.0);
