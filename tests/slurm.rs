@@ -54,9 +54,9 @@ fn whatever_happens_to_tasks_the_picture_is_that_of_a_single_machine() {
 /// Given the flags of a render, on a Slurm of its own: false where it was over before the scenario could step in.
 type Scenario = fn(&Slurm, &str) -> bool;
 
-/// Flags of renders of `veach.glb` that take several seconds on two free CPUs, whatever the machine: long enough to step in,
-/// and for a limit of three. The second takes longer, where the first was over before anybody stepped in: a machine that
-/// was busy when it was measured may be free later.
+/// Flags of renders of `veach.glb` that take several seconds on two free CPUs, whatever the machine: long enough to step
+/// in, and for a limit of three. The second takes longer, where the first was over before anybody stepped in: a machine
+/// that was busy when it was measured may be free later.
 fn measured_work() -> [String; 2] {
     const SPP: f64 = 32.0;
     const SIZE: &str = "--size 192x128";

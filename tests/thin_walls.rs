@@ -230,8 +230,9 @@ fn room(panes: usize, light: impl Fn(&mut Scene)) -> Arc<Scene> {
     Arc::new(scene)
 }
 
-/// Mean of a picture with its standard error, and the median relative variance of its pixels that are not dark, from several renders. Reflections of a
-/// small light between two panes are rare bright paths, as without glass in front of mirrors; a median leaves them out.
+/// Mean of a picture with its standard error, and the median relative variance of its pixels that are not dark.
+/// Reflections of a small light between two panes are rare bright paths, as without glass in front of mirrors; a median
+/// leaves them out.
 fn relative_variance(scene: Arc<Scene>, backend: Backend, settings: &RenderSettings) -> (f64, f64, f64) {
     const REPLICAS: u32 = 12;
     let mut pixels = pixel_means(&Stage::new(scene, backend), settings, REPLICAS);
