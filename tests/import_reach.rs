@@ -43,13 +43,17 @@ fn a_buffer_larger_than_any_memory_is_read_where_a_mesh_needs_it() {
     assert_ne!(hash(), before, "what is shown counts");
 }
 
+/// A binary glTF file's document, and what is in its binary chunk; `None` if it is no document.
+pub fn chunks(file: &[u8]) -> Option<(Value, Vec<u8>)> {
+    let json_end = 20 + u32::from_le_bytes(file.get(12..16)?.try_into().ok()?) as usize;
+    let document = serde_json::from_slice(file.get(20..json_end)?).ok()?;
+    Some((document, file.get(json_end + 8..).unwrap_or_default().to_vec()))
+}
+
 /// With so many bytes more before and behind the binary chunk's, which nothing needs.
 fn padded(file: &[u8]) -> Option<Vec<u8>> {
     const MORE: u64 = 3 << 20;
-    let word = |at: usize| Some(u32::from_le_bytes(file.get(at..at + 4)?.try_into().ok()?) as usize);
-    let json_end = 20 + word(12)?;
-    let mut document: Value = serde_json::from_slice(&file[20..json_end]).ok()?;
-    let binary = &file[json_end + 8..json_end + 8 + word(json_end)?];
+    let (mut document, binary) = chunks(file)?;
     let shift = |part: &mut Value| {
         if part["buffer"] == json!(0) {
             part["byteOffset"] = json!(part["byteOffset"].as_u64().unwrap_or(0) + MORE);
@@ -68,7 +72,7 @@ fn padded(file: &[u8]) -> Option<Vec<u8>> {
     }
     buffer["byteLength"] = json!(buffer["byteLength"].as_u64()? + 2 * MORE);
     let padding = vec![0xAB; MORE as usize];
-    Some(glb::file(&document, &[&padding, binary, &padding].concat()))
+    Some(glb::file(&document, &[&padding[..], &binary, &padding].concat()))
 }
 
 fn imported(path: &Path) -> Option<(Imported, u64)> {

@@ -7,8 +7,9 @@ use bismar::scene::import::{ImportOptions, NoteKind, Pose, SceneFiles, Shutter};
 use bismar::scene::{Framing, Primitive, Scene};
 use glam::Vec3;
 
-use crate::helpers::gltf_parts::{Parts, TRIANGLE, floats, scene_file};
+use crate::helpers::gltf_parts::{Parts, TRIANGLE, data_uri, floats, scene_file};
 use crate::import_content::{accessor, with};
+use crate::one_mean::add_texture;
 
 const NAN: f32 = f32::NAN;
 
@@ -40,9 +41,7 @@ fn attributes_that_are_not_finite_are_mended_and_noted() {
     assert_eq!(mesh.colors.as_ref().unwrap()[1][0], 0.0);
     let tangents = mesh.tangents.as_ref().unwrap();
     assert!(tangents.iter().flatten().all(|x| x.is_finite()) && tangents[2][3] == -1.0, "{tangents:?}");
-    assert!(
-        repaired.iter().any(|text| text.contains("normals")) && repaired.iter().any(|text| text.contains("not finite"))
-    );
+    assert!(["normals", "not finite"].iter().all(|words| repaired.iter().any(|text| text.contains(words))));
 }
 
 #[test]
@@ -139,8 +138,8 @@ fn animated(path: &str, output: &[f32], shape: &str, interpolation: &str) -> Par
 fn all_frames_have_one_view_and_one_ground() {
     let up = [0.0, 0.0, 0.0, 0.0, 3.0, 0.0, 0.0, 0.0, 0.0];
     // Tangents that lead below the keys: -3 * (0.5 - 0.75 + 0.125) at the middle of both intervals, and its minimum.
-    let splines =
-        [[0.0; 3], [0.0; 3], [0.0, -3.0, 0.0], [0.0; 3], [0.0; 3], [0.0; 3], [0.0; 3], [0.0; 3], [0.0; 3]].concat();
+    let mut splines = [0.0; 27];
+    splines[7] = -3.0;
     let half_turn = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, -1.0];
     // A node far below that no time shows, one that appears beside a still one of the same mesh, and one weight of a morph target.
     let mut hidden = animated("translation", &up, "VEC3", "LINEAR");
@@ -228,24 +227,14 @@ fn front_and_back_of_what_is_flattened_stay_apart() {
 
 #[test]
 fn keys_that_are_not_finite_are_left_out() {
-    let mut up = [0.0, 0.0, 0.0, 0.0, NAN, 0.0, 0.0, 4.0, 0.0];
-    for (keys, height) in [
-        (up, Some(1.0)),
-        (
-            {
-                up[4] = f32::INFINITY;
-                up[7] = NAN;
-                up[1] = NAN;
-                up
-            },
-            None,
-        ),
-    ] {
+    let up = [0.0, 0.0, 0.0, 0.0, NAN, 0.0, 0.0, 4.0, 0.0];
+    let none = [0.0, NAN, 0.0, 0.0, f32::INFINITY, 0.0, 0.0, NAN, 0.0];
+    for (keys, height) in [(up, 1.0), (none, 0.0)] {
         let (_folder, path) = scene_file("s.gltf", animated("translation", &keys, "VEC3", "LINEAR").json());
         let pose = Pose { seconds: 0.5, animation: None, shutter: None, frame: None };
         let options = ImportOptions { pose: Some(pose), ..Default::default() };
         let imported = SceneFiles::open(&path).unwrap().import(&options).unwrap();
-        assert_eq!(imported.scene.bounds().unwrap()[0].y, height.unwrap_or(0.0));
+        assert_eq!(imported.scene.bounds().unwrap()[0].y, height);
         assert!(imported.report.notes.iter().any(|note| note.text.contains("finite")));
     }
 }
@@ -256,8 +245,7 @@ fn coordinates_of_the_first_set_are_kept_for_the_uv_aov_wherever_textures_read()
     let accessors = accessor(36, 5126, 3, "VEC2", false) + &accessor(60, 5126, 3, "VEC2", false);
     let mut parts =
         with(coordinates, &accessors, r#"{"material":0,"attributes":{"POSITION":0,"TEXCOORD_0":1,"TEXCOORD_1":2}}"#);
-    let png =
-        crate::helpers::gltf_parts::data_uri("image/png", &bismar::film::preview::encoded(1, 1, &[9; 3]).unwrap());
+    let png = data_uri("image/png", &bismar::film::preview::encoded(1, 1, &[9; 3]).unwrap());
     parts.more = format!(
         r#","images":[{{"uri":"{png}"}}],"textures":[{{"source":0}}],
            "materials":[{{"pbrMetallicRoughness":{{"baseColorTexture":{{"index":0,"texCoord":1}}}}}}]"#
@@ -270,41 +258,39 @@ fn coordinates_of_the_first_set_are_kept_for_the_uv_aov_wherever_textures_read()
 #[test]
 fn a_normal_map_turns_with_its_coordinates() {
     use bismar::integrator::Geometry;
-    use bismar::scene::{
-        Encoding, Filter, Image, Material, Mesh, Positions, Texels, Texture, TextureRef, TextureSlot, Wrap,
-    };
+    use bismar::scene::{Filter, Material, Mesh, Texels, TextureRef, TextureSlot, Wrap};
     use glam::{Affine2, Vec2};
 
     // A slope toward +u, on a square whose u runs along x and v along -y.
     let tilted = [204u8, 128, 230];
-    let wide = |width: f32, transform: Option<Affine2>, given: [f32; 4]| {
-        let mut material = Material::default();
-        let map = TextureRef { texture: 0, set: 0, transform, encoding: Encoding::Linear };
-        material.textures[TextureSlot::Normal] = Some(map);
+    let of = |width: f32, transform: Option<Affine2>| {
+        let points = vec![[0.0, 0.0, 0.0], [width, 0.0, 0.0], [0.0, 1.0, 0.0]];
         let mesh = Mesh {
-            positions: Positions::new(vec![[0.0, 0.0, 0.0], [width, 0.0, 0.0], [0.0, 1.0, 0.0]]),
             normals: Some(vec![[0.0, 0.0, 1.0]; 3]),
-            tangents: Some(vec![given; 3]),
+            tangents: Some(vec![[1.0, 0.0, 0.0, 1.0]; 3]),
             texcoords: [Some(vec![[0.0, 1.0], [1.0, 1.0], [0.0, 0.0]]), None],
-            indices: vec![[0, 1, 2]],
-            ..Default::default()
+            ..Mesh::new(points, vec![[0, 1, 2]])
         };
         let mut scene = Scene::default();
+        let map = add_texture(&mut scene, 1, Texels::Rgb8(vec![tilted]), Wrap::Repeat, Filter::Nearest);
+        let mut material = Material::default();
+        material.textures[TextureSlot::Normal] = Some(TextureRef { transform, ..map });
         scene.add(mesh, material);
-        let texels = Texels::Rgb8(vec![tilted]);
-        scene.images.push(Image { name: "map".into(), width: 1, height: 1, texels, ..Default::default() }.into());
-        let (wrap_s, wrap_t, filter) = (Wrap::Repeat, Wrap::Repeat, Filter::Nearest);
-        scene.textures.push(Texture { image: 0, wrap_s, wrap_t, filter });
         Geometry::new(&scene).point(&scene, Primitive { instance: 0, mesh: 0, prim: 0 }, (0.3, 0.3), 0.0).ns.normalize()
     };
-    let of = |transform, given| wide(1.0, transform, given);
     let [x, y, z] = tilted.map(|byte| f32::from(byte) / 127.5 - 1.0);
     let turn =
         |r: f32| Affine2::from_cols(Vec2::new(r.cos(), -r.sin()), Vec2::new(r.sin(), r.cos()), Vec2::new(0.2, 0.7));
     let scale = |x: f32, y: f32| Affine2::from_scale(Vec2::new(x, y));
-    let straight = of(None, [1.0, 0.0, 0.0, 1.0]);
+    let straight = of(1.0, None);
     assert!(straight.abs_diff_eq(Vec3::new(x, y, z).normalize(), 1e-6));
-    assert_eq!(of(Some(scale(3.0, 2.0)), [1.0, 0.0, 0.0, 1.0]), straight);
+    assert_eq!(of(1.0, Some(scale(3.0, 2.0))), straight);
+    let is_right = |width: f32, transform: Affine2, tangent: Vec3| {
+        let bitangent = Vec3::Z.cross(tangent) * transform.matrix2.determinant().signum();
+        let right = (tangent * x + bitangent * y + Vec3::Z * z).normalize();
+        let got = of(width, Some(transform));
+        assert!(got.abs_diff_eq(right, 1e-5), "{transform:?}: {got} for {right}");
+    };
     for (transform, [du, dv]) in [
         (turn(FRAC_PI_2), [0.0, -1.0]),
         (turn(0.5), [0.5f32.cos(), -0.5f32.sin()]),
@@ -313,19 +299,11 @@ fn a_normal_map_turns_with_its_coordinates() {
         (scale(-1.0, -1.0), [-1.0, 0.0]),
         (scale(1.0, -1.0), [1.0, 0.0]),
     ] {
-        let (tangent, handed) = (Vec3::new(du, dv, 0.0), transform.matrix2.determinant().signum());
-        let bitangent = Vec3::Z.cross(tangent) * handed;
-        let right = (tangent * x + bitangent * y + Vec3::Z * z).normalize();
-        let got = of(Some(transform), [1.0, 0.0, 0.0, 1.0]);
-        assert!(got.abs_diff_eq(right, 1e-5), "{transform:?}: {got} for {right}");
+        is_right(1.0, transform, Vec3::new(du, dv, 0.0));
     }
     // Where u and v are not of one length, the new u is the surface's derivative by it.
     for transform in [turn(0.5), turn(2.0) * scale(3.0, -1.0), turn(-1.0) * scale(0.5, 2.0)] {
         let inverse = transform.matrix2.inverse();
-        let tangent = (Vec3::X * 4.0 * inverse.x_axis.x + Vec3::NEG_Y * inverse.x_axis.y).normalize();
-        let bitangent = Vec3::Z.cross(tangent) * transform.matrix2.determinant().signum();
-        let right = (tangent * x + bitangent * y + Vec3::Z * z).normalize();
-        let got = wide(4.0, Some(transform), [1.0, 0.0, 0.0, 1.0]);
-        assert!(got.abs_diff_eq(right, 1e-5), "{transform:?}: {got} for {right}");
+        is_right(4.0, transform, (Vec3::X * 4.0 * inverse.x_axis.x + Vec3::NEG_Y * inverse.x_axis.y).normalize());
     }
 }

@@ -98,13 +98,8 @@ fn lies_about_lamps_change_no_mean() {
             let light_sample_record = |n: u32| {
                 let position = Vec3::new(5.0 * random.f32() - 2.5, 2.5 * random.f32(), 5.0 * random.f32() - 2.5);
                 let (emitter, chance) = (n % area_lights, random.f32());
-                LightSampleRecord {
-                    position,
-                    normal: Vec3::Y,
-                    emitter,
-                    pixel: 0,
-                    contribution: learned(position, emitter, chance),
-                }
+                let contribution = learned(position, emitter, chance);
+                LightSampleRecord { position, normal: Vec3::Y, emitter, pixel: 0, contribution }
             };
             let light_sample_records: Vec<_> = (0..20_000).map(light_sample_record).collect();
             let lights = LearnedLights::learn(tree, &light_sample_records, 1.0).unwrap();
@@ -131,16 +126,15 @@ fn where_lights_are_learned_bits_are_the_same_on_any_threads_in_any_window_part_
     let part: Part = "2/3".parse().unwrap();
     same(&stage.render_on(2, &RenderSettings { part: Some(part), ..settings.clone() }));
     // Going on to more paths has learned the same as well.
-    let Rendered { tiles, stats, goals, .. } = stage.render_on(2, &RenderSettings { spp: Some(8), ..settings.clone() });
-    let (stop, from) = (AtomicBool::new(false), Some(Saved { tiles, stats, goals }));
-    let options = RunOptions { from, ..RunOptions::new(&stop, &|_| ()) };
-    let longer = run(&stage.scene, settings, options).unwrap();
+    let go_on = |Rendered { tiles, stats, goals, .. }: Rendered| {
+        let (stop, from) = (AtomicBool::new(false), Some(Saved { tiles, stats, goals }));
+        let options = RunOptions { from, ..RunOptions::new(&stop, &|_| ()) };
+        learned(&run(&stage.scene, settings, options).unwrap().stats)
+    };
+    let shorter = stage.render_on(2, &RenderSettings { spp: Some(8), ..settings.clone() });
     let whole = stage.render_on(2, settings);
-    assert_eq!(learned(&longer.stats).cells, learned(&whole.stats).cells);
+    let of_whole = learned(&whole.stats);
+    assert_eq!(go_on(shorter).cells, of_whole.cells);
     // Nothing is left to do: nothing is learned again, and what was found is still said.
-    let (stop, from) =
-        (AtomicBool::new(false), Some(Saved { tiles: whole.tiles, stats: whole.stats, goals: whole.goals }));
-    let options = RunOptions { from, ..RunOptions::new(&stop, &|_| ()) };
-    let again = run(&stage.scene, settings, options).unwrap();
-    assert_eq!(learned(&again.stats).seconds, learned(&whole.stats).seconds);
+    assert_eq!(go_on(whole).seconds, of_whole.seconds);
 }

@@ -7,14 +7,17 @@ use std::sync::Arc;
 
 use bismar::rays::Backend;
 use bismar::render::lens::{Aperture, Focus, LensSettings};
-use bismar::render::{Balance, PixelFilter, RenderSettings};
+use bismar::render::{Balance, RenderSettings};
 use bismar::scene::{Projection, Scene};
 use glam::Vec3;
 
+use crate::closed_forms::settings;
 use crate::helpers::glb;
 use crate::helpers::program::{Folder, assert_same_bits, channel, expect, says};
 use crate::helpers::stage::{Stage, add, area_light, look};
-use crate::helpers::statistics::{Mean, z_limit};
+use crate::helpers::statistics::z_limit;
+use crate::merge::in_parts;
+use crate::motion::pixel_means;
 
 const YFOV: f32 = 0.2;
 const COLUMNS: u32 = 8;
@@ -96,33 +99,14 @@ fn a_blurred_edge_is_its_closed_form() {
         for (distance, focus, radius, blades, orthographic) in cases {
             let stage = Stage::new(edge(distance, orthographic), backend);
             let lens = LensSettings { aperture: Aperture::Radius(radius), focus: Focus::Distance(focus), blades };
-            let mut means = [Mean::default(); COLUMNS as usize];
-            for seed in 0..REPLICAS {
-                let settings = RenderSettings {
-                    width: COLUMNS,
-                    height: 2,
-                    spp: Some(16),
-                    seed,
-                    filter: PixelFilter::Box,
-                    balance: Balance::Half,
-                    lens: Some(lens),
-                    ..RenderSettings::even()
-                };
-                for (i, green) in stage.green(&settings).into_iter().enumerate() {
-                    if i < means.len() {
-                        means[i].add(green);
-                    }
-                }
-            }
-            for (column, mean) in (0..).zip(&means) {
+            let of = RenderSettings { width: COLUMNS, spp: Some(16), lens: Some(lens), ..settings() };
+            let means = pixel_means(&stage, &RenderSettings { balance: Balance::Half, ..of }, REPLICAS);
+            for (column, mean) in (0..COLUMNS).zip(&means) {
                 let expected = expected(column, (radius, focus, blades), f64::from(distance), orthographic);
                 let z = mean.z(expected);
-                assert!(
-                    z.abs() < limit || (mean.mean - expected).abs() < 1e-6,
-                    "{backend:?} lamp at {distance}, focus {focus}, {blades} blades, column {column}: {} ± {} for {expected}",
-                    mean.mean,
-                    mean.standard_error()
-                );
+                let agrees = z.abs() < limit || (mean.mean - expected).abs() < 1e-6;
+                let what = format!("{backend:?} lamp at {distance}, focus {focus}, {blades} blades, column {column}");
+                assert!(agrees, "{what}: {} for {expected}, z = {z}", mean.mean);
             }
         }
     }
@@ -144,14 +128,9 @@ fn a_lens_is_a_f_stop_of_35_mm_film_and_focuses_by_itself() {
     // Going on and parts as ever.
     let lens = "--aperture f/0.7 --focus 2 --lens-blades 5";
     expect(path, &format!("render {flags} {lens} -o whole.exr"), 0);
-    for part in [1, 2] {
-        expect(path, &format!("render {flags} {lens} --part {part}/2 -o part{part}.exr"), 0);
-    }
-    expect(path, "merge part1.exr part2.exr -o merged.exr -q", 0);
-    assert_same_bits(&path.join("whole.exr"), &path.join("merged.exr"));
+    assert_same_bits(&path.join("whole.exr"), &in_parts(path, &format!("render {flags} {lens}"), 2));
     expect(path, &format!("render {flags} --part 2/2 --aperture f/0.7 -o part2.exr"), 0);
-    let said = expect(path, "merge part1.exr part2.exr -o merged.exr -q", 65);
-    assert!(said.contains("lens"), "{said}");
+    says(path, "merge part1.exr part2.exr -o merged.exr -q", 65, "lens");
     for (flags, words) in [
         ("--aperture 0", "f-stop"),
         ("--aperture f/", "f-stop"),

@@ -1,6 +1,5 @@
 //! Layers of groups of lights, and their mixes.
 
-use std::fs;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -15,6 +14,7 @@ use crate::helpers::gltf_parts::Parts;
 use crate::helpers::program::{Folder, assert_same_bits, bismar, expect, says, stderr};
 use crate::helpers::stage::{Stage, area_light, lambert, look, metal, punctual, rectangle};
 use crate::helpers::statistics::{Mean, z_limit};
+use crate::merge::in_parts;
 use crate::pictures::{denoiser, false_denoiser};
 
 /// A floor, a wall of metal and a shelf under two lamps of one mesh each, an unlit sign, a point, a spherical light and a sky;
@@ -50,8 +50,6 @@ fn room(is_on: impl Fn(usize, usize) -> bool) -> Scene {
     scene
 }
 
-const GROUPS: &str = "key=Key*,practicals=Lamp*,sky=env";
-
 fn settings() -> RenderSettings {
     RenderSettings { width: 24, height: 16, spp: Some(32), max_depth: 5, ..RenderSettings::even() }
 }
@@ -78,7 +76,7 @@ fn layers_are_pictures_by_their_lights_and_add_up_to_the_beauty() {
         (Backend::Obvhs, adaptive),
     ];
     let limit = z_limit((groups.len() + kinds.len()) * all.len());
-    let by_name: LightGroups = GROUPS.parse().unwrap();
+    let by_name: LightGroups = "key=Key*,practicals=Lamp*,sky=env".parse().unwrap();
     assert_eq!(by_name.names(), ["key", "practicals", "sky", "rest"]);
     for (number, (backend, of)) in (1..).zip(all) {
         let stage = Stage::new(Arc::new(room(|_, _| true)), backend);
@@ -163,27 +161,20 @@ fn layer(path: &Path, name: &str) -> Vec<[f32; 3]> {
 
 #[test]
 fn groups_are_merged_and_resumed_and_mixed_after_the_render() {
-    let folder = Folder::new();
+    let folder = Folder::new().with("a.gltf", gltf());
     let at = |name: &str| folder.join(name);
-    fs::write(at("a.gltf"), gltf()).unwrap();
     let line = "render a.gltf --size 24x16 --spp 256 -q --light-groups key=Sun*,fill,glow";
     expect(&folder, &format!("{line} -o whole.exr"), 0);
-    for part in 1..=2 {
-        expect(&folder, &format!("{line} --part {part}/2 -o {part}.exr"), 0);
-    }
-    expect(&folder, "merge 1.exr 2.exr -o merged.exr -q", 0);
-    assert_same_bits(&at("whole.exr"), &at("merged.exr"));
+    assert_same_bits(&at("whole.exr"), &in_parts(&folder, line, 2));
     expect(&folder, &format!("{line} --checkpoint 9 -o out.exr").replace("256", "128"), 0);
     expect(&folder, &format!("{line} -o out.exr --resume"), 0);
     assert_same_bits(&at("whole.exr"), &at("out.exr"));
     expect(&folder, "render a.gltf --size 24x16 --spp 256 -q -o plain.exr", 0);
     expect(&folder, "check whole.exr", 0);
 
-    let [beauty, key, fill, glow, rest] =
-        ["", "light_key", "light_fill", "light_glow", "light_rest"].map(|name| match name {
-            "" => Picture::open(&at("whole.exr"), None).unwrap().rgb,
-            name => layer(&at("whole.exr"), name),
-        });
+    let beauty = Picture::open(&at("whole.exr"), None).unwrap().rgb;
+    let [key, fill, glow, rest] =
+        ["key", "fill", "glow", "rest"].map(|name| layer(&at("whole.exr"), &format!("light_{name}")));
     assert!([&key, &fill, &glow].iter().all(|layer| layer.iter().any(|c| c[0] > 0.01)));
     let mut mixed = Vec::new();
     for (i, beauty) in beauty.iter().enumerate() {
@@ -198,6 +189,7 @@ fn groups_are_merged_and_resumed_and_mixed_after_the_render() {
     expect(&folder, &format!("develop hand.exr {develop} -o b.png"), 0);
     let [a, b] = ["a.png", "b.png"].map(|name| image::open(at(name)).unwrap().into_rgb8());
     assert!(a.pixels().any(|pixel| pixel.0[0] > 20) && a == b);
+    expect(&folder, "render a.gltf --size 24x16 --spp 256 -q --light-groups all=* --part 2/2 -o other.exr", 0);
     for (line, code, words) in [
         (
             "develop whole.exr --mix sun=1",
@@ -210,12 +202,8 @@ fn groups_are_merged_and_resumed_and_mixed_after_the_render() {
         ("develop whole.exr --mix key=-1", 64, "'key=-1' is not NAME=FACTOR"),
         ("develop whole.exr --mix key=1:2", 64, "'key=1:2' is not NAME=FACTOR"),
         ("render a.gltf --light-groups key=Sun*,all=*", 64, "'Sun.L' is in two groups, key and all"),
-        ("merge 1.exr other.exr -o no.exr", 65, "light-groups (all=* there, key=Sun*,fill,glow here)"),
+        ("merge part1.exr other.exr -o no.exr", 65, "light-groups (all=* there, key=Sun*,fill,glow here)"),
     ] {
-        if line.contains("other.exr") {
-            let other = "render a.gltf --size 24x16 --spp 256 -q --light-groups all=* --part 2/2 -o other.exr";
-            expect(&folder, other, 0);
-        }
         says(&folder, line, code, words);
     }
 }

@@ -5,10 +5,11 @@ use bismar::light::{
     AreaLights, Density, EnvironmentSampler, LearnedLights, LightProposal, LightSampleContext, LightSampleRecord,
     LightSamples,
 };
-use bismar::scene::{Environment, Instance, Material, Mesh, Object, Positions, Primitive, Scene};
+use bismar::scene::{Environment, Material, Primitive, Scene};
 use glam::{Affine3A, Vec3};
 
 use crate::helpers::random::Random;
+use crate::helpers::stage::add;
 use crate::helpers::statistics::{Mean, chi_square_directions, direction, z_limit};
 
 struct Sample {
@@ -25,11 +26,6 @@ fn third(s: LightSamples) -> Option<Sample> {
 
 const DENSITIES: [Density; 2] = [Density::Radiance, Density::Compensated];
 
-/// The origin, with normal `n`.
-fn context(scene: &Scene, n: Vec3) -> LightSampleContext<'_> {
-    LightSampleContext { scene, time: F::ZERO, p: V3::splat(Vec3::ZERO), origin_error: F::ZERO, n: V3::splat(n) }
-}
-
 fn sample_environment(sampler: &EnvironmentSampler, u: f32, v: f32, density: Density) -> Option<Sample> {
     let proposal = LightProposal { density, ..Default::default() };
     third(sampler.sample(&proposal, [F::ZERO, F::splat(u), F::splat(v)]))
@@ -40,6 +36,7 @@ fn radiance_pdf(sampler: &EnvironmentSampler, wi: Vec3, density: Density) -> (Ve
     (radiance.lane(3), pdf.as_array()[3])
 }
 
+/// At the origin, with normal `n`.
 fn sample_lamps(
     lights: &AreaLights,
     scene: &Scene,
@@ -48,7 +45,9 @@ fn sample_lamps(
     numbers: [f32; 3],
 ) -> Option<Sample> {
     let proposal = LightProposal { learned, ..Default::default() };
-    third(lights.sample(&context(scene, n), &proposal, numbers.map(F::splat)))
+    let (p, n) = (V3::splat(Vec3::ZERO), V3::splat(n));
+    let context = LightSampleContext { scene, time: F::ZERO, p, origin_error: F::ZERO, n };
+    third(lights.sample(&context, &proposal, numbers.map(F::splat)))
 }
 
 /// A small map with a sun, a black band and uneven colours.
@@ -121,12 +120,8 @@ fn rotation_turns_the_map_about_plus_y() {
     for _ in 0..1000 {
         let d = bismar::sampling::warp::sphere(random.f32(), random.f32());
         let carried = Vec3::new(d.z, d.y, -d.x);
-        assert!(
-            (radiance_pdf(&still, d, Density::Radiance).0 - radiance_pdf(&turned, carried, Density::Radiance).0)
-                .abs()
-                .max_element()
-                < 1e-2
-        );
+        let of = |sky, d| radiance_pdf(sky, d, Density::Radiance).0;
+        assert!((of(&still, d) - of(&turned, carried)).abs().max_element() < 1e-2);
     }
 }
 
@@ -170,33 +165,17 @@ fn where_compensated_no_sample_goes_to_what_is_below_the_mean() {
 /// Three area lights of unlike size and power around the origin, the middle one seen from behind unless two-sided, one placed
 /// by a mirrored instance.
 fn area_lights(double_sided: bool) -> Scene {
-    let triangle = |points: [[f32; 3]; 3], material| Mesh {
-        positions: Positions::new(points.to_vec()),
-        indices: vec![[0, 1, 2]],
-        material,
-        ..Default::default()
-    };
-    let area_light = |radiance: f32| Material { emissive: Vec3::splat(radiance), double_sided, ..Default::default() };
-    Scene {
-        meshes: [
-            triangle([[-1.0, 2.0, -1.0], [1.5, 2.0, -1.0], [0.0, 2.5, 1.5]], 0),
-            triangle([[3.0, -1.0, 0.0], [3.0, 1.0, 0.5], [3.0, 0.0, 2.0]], 1),
-            triangle([[0.0, 0.0, 2.0], [1.0, 0.0, 2.0], [0.0, 1.5, 2.5]], 2),
-        ]
-        .map(Into::into)
-        .into(),
-        objects: (0..3).map(|i| Object { name: String::new(), meshes: i..i + 1 }).collect(),
-        instances: (0..3)
-            .map(|i| Instance {
-                name: String::new(),
-                object: i,
-                transform: (i == 2).then(|| Affine3A::from_scale(Vec3::new(-1.2, 1.0, 1.4))),
-                ..Default::default()
-            })
-            .collect(),
-        materials: vec![area_light(3.0), area_light(1.0), area_light(8.0)],
-        ..Default::default()
+    let mut scene = Scene::default();
+    for (radiance, points) in [
+        (3.0, [[-1.0, 2.0, -1.0], [1.5, 2.0, -1.0], [0.0, 2.5, 1.5]]),
+        (1.0, [[3.0, -1.0, 0.0], [3.0, 1.0, 0.5], [3.0, 0.0, 2.0]]),
+        (8.0, [[0.0, 0.0, 2.0], [1.0, 0.0, 2.0], [0.0, 1.5, 2.5]]),
+    ] {
+        let material = Material { emissive: Vec3::splat(radiance), double_sided, ..Default::default() };
+        add(&mut scene, points.to_vec(), vec![[0, 1, 2]], material);
     }
+    scene.instances[2].transform = Some(Affine3A::from_scale(Vec3::new(-1.2, 1.0, 1.4)));
+    scene
 }
 
 /// World-space corners of a triangle.
@@ -221,10 +200,16 @@ fn hits(scene: &Scene, d: Vec3) -> Vec<(Primitive, f32)> {
     all.filter_map(hit).collect()
 }
 
-/// Density of light samples toward `d`: they do not know what is in front of what.
-fn pdf(lights: &AreaLights, scene: &Scene, n: Vec3, learned: Option<&LearnedLights>, d: Vec3) -> f64 {
-    let one = |(primitive, t)| f64::from(lights.pdf((scene, 0.0), (Vec3::ZERO, n), primitive, d, t, learned));
-    hits(scene, d).into_iter().map(one).sum()
+/// Do samples at the origin, of normal `n`, follow the pdf? They do not know what is in front of what.
+fn follow_the_pdf(name: &str, scene: &Scene, n: Vec3, learned: Option<&LearnedLights>, seed: u64) {
+    let lights = AreaLights::new(scene).unwrap();
+    let mut random = Random(seed);
+    let pdf = |d: Vec3| {
+        let one = |(primitive, t)| f64::from(lights.pdf((scene, 0.0), (Vec3::ZERO, n), primitive, d, t, learned));
+        hits(scene, d).into_iter().map(one).sum::<f64>()
+    };
+    let sample = || sample_lamps(&lights, scene, n, learned, [random.f32(), random.f32(), random.f32()]).map(|s| s.wi);
+    chi_square_directions(name, 4, (100_000, 96), sample, pdf);
 }
 
 #[test]
@@ -242,25 +227,13 @@ fn lamp_samples_follow_the_pdf() {
         let scene = area_lights(double_sided);
         let lights = AreaLights::new(&scene).unwrap();
         // One finds much, another little, the third nothing.
-        let light_sample_record = |i: u32| LightSampleRecord {
-            position: Vec3::ZERO,
-            normal: n,
-            emitter: i % 3,
-            pixel: 0,
-            contribution: (i % 3) as f32,
-        };
-        let light_sample_records: Vec<_> = (0..300).map(light_sample_record).collect();
-        let learned = LearnedLights::learn(lights.tree(), &light_sample_records, 1.0).filter(|_| learns);
-        let learned = learned.as_ref();
-        let mut random = Random(31);
+        let (position, normal) = (Vec3::ZERO, n);
+        let record = |i: u32| LightSampleRecord { position, normal, emitter: i, pixel: 0, contribution: i as f32 };
+        let records: Vec<_> = (0..300).map(|i| record(i % 3)).collect();
+        let learned = LearnedLights::learn(lights.tree(), &records, 1.0).filter(|_| learns);
         assert!((lights.levels() - 3.0f32.log2()).abs() < 1e-6);
-        chi_square_directions(
-            &format!("lamps, double_sided {double_sided}, normal {n}, learned {learns}"),
-            4,
-            (100_000, 96),
-            || sample_lamps(&lights, &scene, n, learned, [random.f32(), random.f32(), random.f32()]).map(|s| s.wi),
-            |d| pdf(&lights, &scene, n, learned, d),
-        );
+        let name = format!("lamps, double_sided {double_sided}, normal {n}, learned {learns}");
+        follow_the_pdf(&name, &scene, n, learned.as_ref(), 31);
     }
 }
 
@@ -274,24 +247,11 @@ fn two_triangles_of_a_parallelogram_are_one_lamp_that_follows_the_pdf() {
         let mut points = points;
         points[2][0] += if bent { 0.5 } else { 0.0 };
         let material = Material { emissive: Vec3::ONE, double_sided: true, ..Default::default() };
-        let positions = Positions::new(points.to_vec());
-        let scene = Scene {
-            meshes: vec![Mesh { positions, indices: indices.to_vec(), ..Default::default() }.into()],
-            objects: vec![Object { name: String::new(), meshes: 0..1 }],
-            instances: vec![Instance { name: String::new(), object: 0, ..Default::default() }],
-            materials: vec![material],
-            ..Default::default()
-        };
+        let mut scene = Scene::default();
+        add(&mut scene, points.to_vec(), indices.to_vec(), material);
         let lights = AreaLights::new(&scene).unwrap();
         let n = Vec3::new(0.2, 1.0, 0.1).normalize();
-        let mut random = Random(61 + k as u64);
-        chi_square_directions(
-            &format!("parallelogram cut {k}"),
-            4,
-            (100_000, 96),
-            || sample_lamps(&lights, &scene, n, None, [random.f32(), random.f32(), random.f32()]).map(|s| s.wi),
-            |d| pdf(&lights, &scene, n, None, d),
-        );
+        follow_the_pdf(&format!("parallelogram cut {k}"), &scene, n, None, 61 + k as u64);
         // One area light: every direction has the same area density, whatever the choice's number.
         let spread = (0..64).map(|i| sample_lamps(&lights, &scene, n, None, [i as f32 / 64.0, 0.3, 0.6]).unwrap().wi.x);
         let (low, high) = spread.fold((f32::INFINITY, f32::NEG_INFINITY), |(l, h), x| (l.min(x), h.max(x)));

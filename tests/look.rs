@@ -6,13 +6,10 @@ use std::path::Path;
 use serde_json::{Value, json};
 
 use crate::helpers::glb;
-use crate::helpers::program::{Folder, expect, names, stdout};
+use crate::helpers::program::{expect, names, says, stdout};
+use crate::views::folder;
 
 const SMALL: &str = "--size 48x48 --spp 4 -q";
-
-fn folder() -> Folder {
-    Folder::new().with_scene("c.glb", "cornell.glb")
-}
 
 /// Runs `look` with a line of arguments and returns its JSON.
 fn look(folder: &Path, line: &str, code: i32) -> Value {
@@ -106,8 +103,8 @@ fn a_broken_scene_leaves_nothing_and_no_output_is_an_input() {
     let path = &folder();
     let whole = fs::read(path.join("c.glb")).unwrap();
     fs::write(path.join("cut.glb"), &whole[..whole.len() / 2]).unwrap();
-    assert!(expect(path, &format!("look cut.glb {SMALL}"), 65).contains("cut.glb"));
-    assert!(expect(path, &format!("look none.glb {SMALL}"), 66).contains("none.glb"));
+    says(path, &format!("look cut.glb {SMALL}"), 65, "cut.glb");
+    says(path, &format!("look none.glb {SMALL}"), 66, "none.glb");
     fs::copy(path.join("c.glb"), path.join("c.png")).unwrap();
     for (line, code, why) in [
         ("look c.png -o c.png", 64, "would overwrite"),
@@ -118,7 +115,7 @@ fn a_broken_scene_leaves_nothing_and_no_output_is_an_input() {
         ("look c.glb -o no/where.png", 73, "no/where.png"),
         ("look c.glb c.glb c.glb", 64, "unexpected"),
     ] {
-        assert!(expect(path, line, code).contains(why), "{line}");
+        says(path, line, code, why);
     }
     assert_eq!(names(path), ["c.glb", "c.png", "cut.glb"]);
     // What another program has written there stays, unless the command line names it.
@@ -136,10 +133,8 @@ fn frames_of_an_animation_are_rows_of_one_framing() {
     assert_eq!(views.iter().map(|view| view["frame"].as_u64()).collect::<Vec<_>>(), [Some(0), Some(12), Some(24)]);
     assert!(views[0]["hash"] != views[1]["hash"] && views[1]["hash"] != views[2]["hash"]);
     let single = look(path, &format!("m.glb {SMALL} --frame 12 --views front -o one.png"), 0);
-    assert_eq!(
-        (&single["views"][0]["hash"], &single["scene"]["bounds"]),
-        (&views[1]["hash"], &report["scene"]["bounds"])
-    );
+    assert_eq!(single["views"][0]["hash"], views[1]["hash"]);
+    assert_eq!(single["scene"]["bounds"], report["scene"]["bounds"]);
     assert!(!report["scene"]["animations"].as_array().unwrap().is_empty());
 }
 
@@ -179,23 +174,14 @@ fn a_pair_has_one_framing_and_says_what_differs() {
 
 #[test]
 fn folders_say_what_was_added_removed_and_changed() {
-    let path = &folder();
-    for (name, bytes) in [
-        ("a/gone.glb", square_of(1.0, 0.0)),
-        ("a/sub/same.glb", square_of(1.0, 0.0)),
-        ("b/sub/same.glb", square_of(1.0, 0.0)),
-        ("a/changed.glb", square_of(1.0, 0.0)),
-        ("b/changed.glb", square_of(2.0, 0.0)),
-        ("b/fresh.glb", square_of(1.0, 0.0)),
-    ] {
-        fs::create_dir_all(path.join(name).parent().unwrap()).unwrap();
-        fs::write(path.join(name), bytes).unwrap();
-    }
+    let one = square_of(1.0, 0.0);
+    let files = ["a/gone", "a/sub/same", "b/sub/same", "a/changed", "b/fresh"];
+    let folder = files.iter().fold(folder(), |folder, name| folder.with(&format!("{name}.glb"), &one));
+    let path = &folder.with("b/changed.glb", square_of(2.0, 0.0));
     let report = look(path, &format!("a b {SMALL}"), 0);
-    assert_eq!(
-        [&report["added"], &report["removed"], &report["unchanged"]],
-        [&json!(["fresh.glb"]), &json!(["gone.glb"]), &json!(["sub/same.glb"])]
-    );
+    for (key, name) in [("added", "fresh.glb"), ("removed", "gone.glb"), ("unchanged", "sub/same.glb")] {
+        assert_eq!(report[key], json!([name]));
+    }
     assert_eq!(report["changed"][0]["name"], "changed.glb");
     assert!(report["changed"][0]["differences"].to_string().contains("1.00 x 1.00 x 1.00 m -> 2.00 x 2.00 x 2.00 m"));
     assert!(path.join("a-b.look.png").exists());
@@ -204,10 +190,7 @@ fn folders_say_what_was_added_removed_and_changed() {
     fs::write(path.join("a/broken.glb"), "x").unwrap();
     fs::write(path.join("b/broken.glb"), "y").unwrap();
     let report = look(path, &format!("a b {SMALL}"), 65);
-    assert_eq!(
-        (&report["failed"][0]["name"], &report["changed"][0]["name"]),
-        (&json!("broken.glb"), &json!("changed.glb"))
-    );
+    assert_eq!([&report["failed"][0]["name"], &report["changed"][0]["name"]], ["broken.glb", "changed.glb"]);
     assert!(expect(path, "look a b --page p.html", 64).contains("two folders"));
     assert!(expect(path, "look a c.glb", 65).contains('a'));
 }

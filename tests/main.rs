@@ -56,7 +56,6 @@ mod path_reuse;
 mod paths;
 mod pictures;
 mod rays;
-mod rays_alpha;
 mod reliability;
 mod resume;
 mod sampling;

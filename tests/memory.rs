@@ -6,13 +6,11 @@ use std::path::Path;
 use serde_json::{Value, json};
 
 use crate::helpers::glb;
-use crate::helpers::program::{Folder, bismar, expect, read_json};
+use crate::helpers::gltf_parts::floats;
+use crate::helpers::program::{Folder, bits, expect, read_json, says, stdout};
+use crate::reliability::said_to_need;
 
 const MIB: u64 = 1 << 20;
-
-fn floats(values: impl IntoIterator<Item = f32>) -> Vec<u8> {
-    values.into_iter().flat_map(f32::to_le_bytes).collect()
-}
 
 /// A document with one buffer.
 #[derive(Default)]
@@ -24,19 +22,12 @@ struct Document {
 }
 
 impl Document {
-    /// Index of an accessor of these elements.
-    fn accessor(&mut self, bytes: &[u8], kind: &str, component: u32) -> usize {
-        let width = match kind {
-            "SCALAR" => 1,
-            "VEC2" => 2,
-            "VEC3" => 3,
-            _ => 4,
-        };
-        let size = width * if component == 5121 { 1 } else { 4 };
+    /// Index of an accessor of these floats ("VEC3") or indices ("SCALAR").
+    fn accessor(&mut self, bytes: &[u8], kind: &str) -> usize {
+        let (width, component) = if kind == "VEC3" { (3, 5126) } else { (1, 5125) };
         self.views.push(json!({ "buffer": 0, "byteOffset": self.binary.len(), "byteLength": bytes.len() }));
         self.binary.extend(bytes);
-        self.binary.resize(self.binary.len().next_multiple_of(4), 0);
-        let count = bytes.len() / size;
+        let count = bytes.len() / (4 * width);
         let mut accessor =
             json!({ "bufferView": self.views.len() - 1, "componentType": component, "count": count, "type": kind });
         if kind == "VEC3" {
@@ -59,8 +50,8 @@ impl Document {
             [a, b, c, c, b, d]
         });
         let indices: Vec<u8> = indices.flat_map(u32::to_le_bytes).collect();
-        json!({ "attributes": { "POSITION": self.accessor(&floats(positions), "VEC3", 5126) },
-            "indices": self.accessor(&indices, "SCALAR", 5125) })
+        json!({ "attributes": { "POSITION": self.accessor(&floats(&positions), "VEC3") },
+            "indices": self.accessor(&indices, "SCALAR") })
     }
 
     fn set(&mut self, key: &str, value: Value) {
@@ -78,15 +69,31 @@ impl Document {
     }
 }
 
-/// A node that shows mesh 0 in so many places.
+/// A node that shows mesh 0 in the places of an accessor.
+fn placed(document: &mut Document, accessor: usize) {
+    let extension = json!({ "EXT_mesh_gpu_instancing": { "attributes": { "TRANSLATION": accessor } } });
+    document.set("nodes", json!([{ "mesh": 0, "extensions": extension }]));
+}
+
+/// The same in so many places.
 fn instanced(document: &mut Document, count: usize) {
-    let places =
-        document.accessor(&floats((0..count).flat_map(|i| [(i % 700) as f32, 0.0, (i / 700) as f32])), "VEC3", 5126);
-    document.set(
-        "nodes",
-        json!([{ "mesh": 0,
-        "extensions": { "EXT_mesh_gpu_instancing": { "attributes": { "TRANSLATION": places } } } }]),
-    );
+    let places: Vec<f32> = (0..count).flat_map(|i| [(i % 700) as f32, 0.0, (i / 700) as f32]).collect();
+    let accessor = document.accessor(&floats(&places), "VEC3");
+    placed(document, accessor);
+}
+
+/// An accessor without data; its index.
+fn bare(document: &mut Document, count: u64) -> usize {
+    document.accessors.push(json!({ "componentType": 5126, "count": count, "type": "VEC3" }));
+    document.accessors.len() - 1
+}
+
+/// A field of `n` x `n` quads of this material.
+fn painted(n: usize, material: Value) -> Document {
+    let mut document = fields(n);
+    document.json["meshes"][0]["primitives"][0]["material"] = 0.into();
+    document.set("materials", json!([material]));
+    document
 }
 
 fn fields(n: usize) -> Document {
@@ -95,16 +102,6 @@ fn fields(n: usize) -> Document {
     document.set("meshes", json!([{ "primitives": [field] }]));
     document.set("nodes", json!([{ "mesh": 0 }]));
     document
-}
-
-/// The estimate and the peak in bytes of a render.
-fn said_and_taken(folder: &Path, line: &str) -> (u64, u64) {
-    let line = format!("render {line} --threads 2 -o out.exr --stats out.json -v");
-    let said = expect(folder, &line, 0);
-    let text = said.split("needs about ").nth(1).unwrap();
-    let said = text.split(' ').next().unwrap().parse::<u64>().unwrap() * MIB;
-    let stats = read_json(&folder.join("out.json"));
-    (said, stats["peak_memory_bytes"].as_u64().unwrap())
 }
 
 /// Half to twice: enough to refuse what cannot fit, and not what can.
@@ -118,9 +115,7 @@ fn what_a_render_says_it_needs_is_about_what_it_takes() {
     let mut nodes = fields(1);
     nodes.set("nodes", (0..30_000).map(|i| json!({ "mesh": 0, "translation": [i % 170, 0, i / 170] })).collect());
     nodes.save(&path.join("nodes.glb"));
-    let mut lamps = fields(7);
-    lamps.json["meshes"][0]["primitives"][0]["material"] = 0.into();
-    lamps.set("materials", json!([{ "emissiveFactor": [1, 1, 1] }]));
+    let mut lamps = painted(7, json!({ "emissiveFactor": [1, 1, 1] }));
     instanced(&mut lamps, 2000);
     lamps.save(&path.join("lamps.glb"));
     let row: Vec<u8> = (0..2048_u32).flat_map(|x| [(x % 256) as u8, 90, 40, 128]).collect();
@@ -128,7 +123,7 @@ fn what_a_render_says_it_needs_is_about_what_it_takes() {
     fs::write(path.join("sky.hdr"), [&head[..], &row.repeat(1024)].concat()).unwrap();
     let small = "--size 64x64 --spp 1";
     for line in [
-        "cornell.glb --size 2000x1500 --spp 1".into(),
+        "cornell.glb --size 2000x1500 --spp 1".to_owned(),
         "cornell.glb --size 1000x800 --spp 1 --aov all".into(),
         format!("mesh.glb --sky {small}"),
         format!("mesh.glb --sky {small} --rays obvhs"),
@@ -137,7 +132,9 @@ fn what_a_render_says_it_needs_is_about_what_it_takes() {
         format!("lamps.glb {small}"),
         format!("cornell.glb {small} --env sky.hdr"),
     ] {
-        let (said, taken) = said_and_taken(path, &line);
+        let said = expect(path, &format!("render {line} --threads 2 -o out.exr --stats out.json -v"), 0);
+        let said = said_to_need(&said) * MIB;
+        let taken = read_json(&path.join("out.json"))["peak_memory_bytes"].as_u64().unwrap();
         let shown = format!("{line}: {} MiB said, {} taken", said / MIB, taken / MIB);
         assert!(2 * said >= taken && said <= 2 * taken, "{shown}");
     }
@@ -154,18 +151,10 @@ fn counts_without_data_are_bounded_in_words_that_name_them() {
             assert!(words.iter().all(|word| said.contains(word)), "{said}");
         }
     };
-    let bare = |document: &mut Document, count: u64| {
-        document.accessors.push(json!({ "componentType": 5126, "count": count, "type": "VEC3" }));
-        document.accessors.len() - 1
-    };
     let instances = |count: u64| {
         let mut document = fields(2);
         let places = bare(&mut document, count);
-        document.set(
-            "nodes",
-            json!([{ "mesh": 0,
-            "extensions": { "EXT_mesh_gpu_instancing": { "attributes": { "TRANSLATION": places } } } }]),
-        );
+        placed(&mut document, places);
         document
     };
     refused(instances(1_000_000), ["accessors[2]", "1000000 instances without data"]);
@@ -186,9 +175,7 @@ fn counts_without_data_are_bounded_in_words_that_name_them() {
 #[test]
 fn inspect_says_what_a_render_needs_and_both_refuse_what_no_memory_holds() {
     let path = &Folder::new().with_scene("cornell.glb", "cornell.glb");
-    let inspected: Value =
-        serde_json::from_slice(&bismar(path).args(["inspect", "cornell.glb", "--json"]).output().unwrap().stdout)
-            .unwrap();
+    let inspected: Value = serde_json::from_str(&stdout(path, "inspect cornell.glb --json", 0)).unwrap();
     let bytes = inspected["render_bytes"].as_u64().unwrap();
     assert!(bytes > 60 * MIB && bytes < 400 * MIB, "{bytes}");
     // A camera sixteen times as high as wide has as high a picture where nobody gives its size.
@@ -197,17 +184,12 @@ fn inspect_says_what_a_render_needs_and_both_refuse_what_no_memory_holds() {
     let perspective = json!({ "aspectRatio": 0.0625, "yfov": 1, "znear": 0.1 });
     high.set("cameras", json!([{ "type": "perspective", "perspective": perspective }]));
     high.save(&path.join("high.glb"));
-    let said = expect(path, "render high.glb --sky --spp 1 --aov all --memory-limit 3G -o out.exr", 76);
-    assert!(said.contains("high.glb needs about"), "{said}");
+    let line = "render high.glb --sky --spp 1 --aov all --memory-limit 3G -o out.exr";
+    says(path, line, 76, "high.glb needs about");
     // A hundred million triangles, all the same, of which the file has three corners.
-    let mut document = fields(7);
-    document.json["meshes"][0]["primitives"][0]["material"] = 0.into();
-    document.set("materials", json!([{ "emissiveFactor": [1, 1, 1] }]));
-    document.accessors.push(json!({ "componentType": 5126, "count": 2_000_000_000, "type": "VEC3" }));
-    document.set(
-        "nodes",
-        json!([{ "mesh": 0, "extensions": { "EXT_mesh_gpu_instancing": { "attributes": { "TRANSLATION": 2 } } } }]),
-    );
+    let mut document = painted(7, json!({ "emissiveFactor": [1, 1, 1] }));
+    let places = bare(&mut document, 2_000_000_000);
+    placed(&mut document, places);
     document.save(&path.join("many.glb"));
     for line in ["inspect many.glb", "render many.glb --size 8x8"] {
         let said = expect(path, line, 76);
@@ -220,7 +202,7 @@ fn inspect_says_what_a_render_needs_and_both_refuse_what_no_memory_holds() {
 fn what_numbers_cannot_hold_is_told() {
     let path = &Folder::new();
     let render = |flags: &str| expect(path, &format!("render scene.glb --size 16x16 --spp 4 -o out.exr {flags}"), 0);
-    let placed = |translation: [f64; 3], scale: f64| {
+    let at = |translation: [f64; 3], scale: f64| {
         let mut document = fields(4);
         document.set("nodes", json!([
             { "mesh": 0, "translation": translation, "scale": [scale, scale, scale] },
@@ -229,38 +211,30 @@ fn what_numbers_cannot_hold_is_told() {
         document.set("cameras", json!([{ "type": "perspective", "perspective": { "yfov": 1, "znear": 0.0001 } }]));
         document.save(&path.join("scene.glb"));
     };
-    placed([0.0, 0.0, 0.0], 1.0);
+    at([0.0, 0.0, 0.0], 1.0);
     let said = render("--sky --aperture f/2.8 --focus 4");
     assert!(!said.contains("away from the origin") && !said.contains("the lens has"), "{said}");
-    placed([4e5, 0.0, 0.0], 1.0);
+    at([4e5, 0.0, 0.0], 1.0);
     let said = render("--sky");
     assert!(said.contains("4.000e5 m away from the origin") && said.contains("wrong by about 21.2 %"), "{said}");
-    placed([0.0, 0.0, 0.0], 0.001);
+    at([0.0, 0.0, 0.0], 0.001);
     let said = render("--sky --aperture f/2.8 --focus 0.004");
     assert!(said.contains("the lens has a radius of 3.92e-3 m and is focused at 4.00e-3 m"), "{said}");
-    placed([0.0, 0.0, 0.0], 1.0);
+    at([0.0, 0.0, 0.0], 1.0);
     // Two pixels, one of them a sun of 3.3e6.
     let sun =
         [&b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 2\n"[..], &[200, 200, 200, 150, 90, 80, 70, 128]].concat();
     fs::write(path.join("sun.hdr"), sun).unwrap();
     let said = render("--env sun.hdr");
     assert!(said.contains("sun.hdr: 1 pixels were brighter than 65504") && said.contains("3.27"), "{said}");
-    let mut document = fields(4);
-    document.json["meshes"][0]["primitives"][0]["material"] = 0.into();
-    document.set(
-        "materials",
-        json!([{ "emissiveFactor": [1, 1, 1],
-        "extensions": { "KHR_materials_emissive_strength": { "emissiveStrength": 3e38 } } }]),
-    );
+    let strength = json!({ "KHR_materials_emissive_strength": { "emissiveStrength": 3e38 } });
+    let mut document = painted(4, json!({ "emissiveFactor": [1, 1, 1], "extensions": strength }));
     document.set("extensionsUsed", json!(["KHR_materials_emissive_strength"]));
     document.save(&path.join("scene.glb"));
     let said = render("--camera framed --aov all");
     assert!(said.contains("a light of 3e38 is dimmed to 1e15"), "{said}");
-    for (name, bits) in crate::helpers::program::bits(&path.join("out.exr")) {
-        let infinite = bits.iter().filter(|bits| f32::from_bits(**bits).is_infinite()).count();
-        assert!(
-            infinite == 0 || name.starts_with("depth") || name.contains("rypto"),
-            "{infinite} infinite values in {name}"
-        );
+    for (name, bits) in bits(&path.join("out.exr")) {
+        let finite = bits.iter().all(|bits| !f32::from_bits(*bits).is_infinite());
+        assert!(finite || name.starts_with("depth") || name.contains("rypto"), "infinite values in {name}");
     }
 }

@@ -1,15 +1,24 @@
 //! Parts become the whole to the bit, and seeds the mean that all their paths would have given.
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use bismar::film::exr_file;
 use bismar::render::checkpoint::unpack;
 
-use crate::helpers::program::{self, Folder, assert_same_bits, bits, expect, names, says};
+use crate::helpers::farm::folder;
+use crate::helpers::program::{self, assert_same_bits, bits, expect, names, says};
 
-fn folder() -> Folder {
-    Folder::new().with_scene("veach.glb", "veach.glb")
+/// The merge of a render's parts, which are `part1.exr` and so on.
+#[track_caller]
+pub fn in_parts(folder: &Path, line: &str, parts: u32) -> PathBuf {
+    let part = |number: u32| {
+        expect(folder, &format!("{line} --part {number}/{parts} -o part{number}.exr"), 0);
+        format!("part{number}.exr ")
+    };
+    let files: String = (1..=parts).map(part).collect();
+    expect(folder, &format!("merge {files} -o merged.exr -q"), 0);
+    folder.join("merged.exr")
 }
 
 #[test]
@@ -44,13 +53,10 @@ fn parts_in_any_order_are_the_whole_to_the_bit() {
 fn parts_that_can_go_on_make_a_whole_that_can() {
     let folder = folder();
     let line = "render veach.glb --size 64x48 -q";
-    for part in 1..=2 {
-        expect(&folder, &format!("{line} --spp 128 --part {part}/2 --checkpoint 9 -o {part}.exr"), 0);
-    }
-    expect(&folder, "merge 1.exr 2.exr -o out.exr -q", 0);
-    expect(&folder, &format!("{line} --spp 256 -o out.exr --resume"), 0);
+    let merged = in_parts(&folder, &format!("{line} --spp 128 --checkpoint 9"), 2);
+    expect(&folder, &format!("{line} --spp 256 -o merged.exr --resume"), 0);
     expect(&folder, &format!("{line} --spp 256 -o whole.exr"), 0);
-    assert_same_bits(&folder.join("whole.exr"), &folder.join("out.exr"));
+    assert_same_bits(&folder.join("whole.exr"), &merged);
 }
 
 #[test]

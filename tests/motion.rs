@@ -9,14 +9,14 @@ use std::sync::Arc;
 use bismar::Error;
 use bismar::integrator::PreparedScene;
 use bismar::rays::{Backend, HitBatch, MISS, RayBatch, RayOrder, build};
-use bismar::render::{Balance, PixelFilter, RenderSettings};
+use bismar::render::{Balance, RenderSettings};
 use bismar::scene::import::{ImportOptions, Pose, SceneFiles, Shutter};
 use bismar::scene::{
     Camera, Deformation, Environment, LightKey, Motion, Positions, Projection, PunctualKind, PunctualLight, Scene,
 };
 use glam::{DAffine3, DQuat, DVec3, Vec3, vec3};
 
-use crate::closed_forms::{BALANCES, polygon_irradiance};
+use crate::closed_forms::{self, BALANCES, polygon_irradiance};
 use crate::helpers::glb;
 use crate::helpers::program::{Folder, assert_same_bits, bits, expect, says};
 use crate::helpers::random::Random;
@@ -26,6 +26,7 @@ use crate::helpers::stage::{
     Stage, add, area_light, lambert, look, moving_hall, punctual, rectangle, set_in_motion, sphere,
 };
 use crate::helpers::statistics::{Mean, z_limit};
+use crate::merge::in_parts;
 
 const COLUMNS: u32 = 8;
 /// Half of what an orthographic camera sees, in metres.
@@ -33,15 +34,7 @@ const HALF: f64 = 0.2;
 const REPLICAS: u32 = 200;
 
 fn settings() -> RenderSettings {
-    let balance = Balance::Half;
-    RenderSettings {
-        width: COLUMNS,
-        height: 8,
-        spp: Some(16),
-        filter: PixelFilter::Box,
-        balance,
-        ..RenderSettings::even()
-    }
+    RenderSettings { width: COLUMNS, height: 8, spp: Some(16), balance: Balance::Half, ..closed_forms::settings() }
 }
 
 fn along(x: f64) -> DAffine3 {
@@ -63,16 +56,18 @@ fn plate(x0: f32, [half_height, x1]: [f32; 2]) -> Scene {
     scene
 }
 
-/// Mean green of each pixel, over replicas.
-fn pixels(scene: Scene) -> Vec<Mean> {
-    let stage = Stage::new(Arc::new(scene), Backend::Embree);
-    let mut means = Vec::new();
-    for seed in 0..REPLICAS {
-        let green = stage.green(&RenderSettings { seed, ..settings() });
-        means.resize(green.len(), Mean::default());
+/// Mean green of each pixel over renders with seeds from 0 on.
+pub fn pixel_means(stage: &Stage, settings: &RenderSettings, replicas: u32) -> Vec<Mean> {
+    let mut means = vec![Mean::default(); (settings.width * settings.height) as usize];
+    for seed in 0..replicas {
+        let green = stage.green(&RenderSettings { seed, ..settings.clone() });
         means.iter_mut().zip(green).for_each(|(mean, green)| mean.add(green));
     }
     means
+}
+
+fn pixels(scene: Scene) -> Vec<Mean> {
+    pixel_means(&Stage::new(Arc::new(scene), Backend::Embree), &settings(), REPLICAS)
 }
 
 #[track_caller]
@@ -156,10 +151,6 @@ fn floor() -> Scene {
     scene
 }
 
-fn small() -> RenderSettings {
-    RenderSettings { width: 2, height: 2, spp: Some(32), filter: PixelFilter::Box, ..RenderSettings::even() }
-}
-
 #[test]
 fn a_light_that_moves_over_a_diffuse_plane_is_its_closed_form() {
     // Irradiance of a point of intensity I at (x, h) is I h / (x² + h²)^1.5, whose integral is I x / (h √(x² + h²)).
@@ -175,7 +166,7 @@ fn a_light_that_moves_over_a_diffuse_plane_is_its_closed_form() {
     let whole = |x: f64| intensity * x / (height * x.hypot(height));
     let expected = 0.5 / PI * (whole(to) - whole(from)) / (to - from);
     let stage = Stage::new(Arc::new(scene), Backend::Embree);
-    let mean = stage.mean_green(&small(), 300);
+    let mean = stage.mean_green(&closed_forms::settings(), 300);
     assert!(mean.z(expected).abs() < z_limit(1), "{} for {expected}", mean.mean);
 }
 
@@ -197,15 +188,14 @@ fn a_lamp_that_moves_and_turns_over_a_diffuse_plane_is_its_closed_form_by_every_
     for environment in [false, true] {
         let mut scene = floor();
         // A negligible environment, so that both kinds share samples.
-        let added = environment.then(|| Environment::constant([1e-6; 3]));
-        scene.environment = added;
+        scene.environment = environment.then(|| Environment::constant([1e-6; 3]));
         let points = corners.map(|c| c.as_vec3().to_array()).to_vec();
         add(&mut scene, points, vec![[0, 1, 2], [0, 2, 3]], area_light(10.0));
         scene.instances[1].transform = Some(moments[8].as_affine3a());
         scene.instances[1].motion = motion(&moments);
         let stage = Stage::new(Arc::new(scene), Backend::Embree);
         for balance in BALANCES {
-            let mean = stage.mean_green(&RenderSettings { balance, ..small() }, 150);
+            let mean = stage.mean_green(&RenderSettings { balance, ..closed_forms::settings() }, 150);
             let z = mean.z(expected);
             assert!(z.abs() < limit, "{balance:?}, environment {environment}: {} for {expected}, z = {z}", mean.mean);
         }
@@ -298,9 +288,8 @@ fn is_mean_of_stills(file: &Path, seconds: f64, [opens, closes]: [f64; 2]) {
 
 #[test]
 fn blur_is_the_mean_of_stills_for_rigid_and_changing_forms_and_a_camera() {
-    let folder = Folder::new();
+    let folder = Folder::new().with("moving.glb", glb::moving());
     let file = folder.join("moving.glb");
-    fs::write(&file, glb::moving()).unwrap();
     is_mean_of_stills(&file, 0.5, [-0.3, 0.4]);
     // Half of the time it stands.
     is_mean_of_stills(&file, 1.0, [-0.3, 0.3]);
@@ -314,10 +303,8 @@ fn blur_is_the_mean_of_stills_for_skins() {
 
 #[test]
 fn steps_are_as_many_as_motion_bends() {
-    let folder = Folder::new();
-    let file = folder.join("moving.glb");
-    fs::write(&file, glb::moving()).unwrap();
-    let files = SceneFiles::open(&file).unwrap();
+    let folder = Folder::new().with("moving.glb", glb::moving());
+    let files = SceneFiles::open(&folder.join("moving.glb")).unwrap();
     let keys = |seconds, closes, steps| {
         let scene = posed(&files, seconds, Some(Shutter { opens: 0.0, closes, steps }));
         let forms = scene.meshes.iter().filter_map(|mesh| Some(mesh.motion.as_ref()?.positions.len()));
@@ -362,11 +349,7 @@ fn blurred_pictures_have_the_same_bits_however_they_are_rendered() {
     expect(path, &line("--frame 8 --spp 256 -o whole.exr"), 0);
     expect(path, &line("--frame 8 --spp 256 -o threads.exr --threads 3"), 0);
     assert_same_bits(&path.join("whole.exr"), &path.join("threads.exr"));
-    for part in [1, 2] {
-        expect(path, &line(&format!("--frame 8 --spp 256 -o part{part}.exr --part {part}/2")), 0);
-    }
-    expect(path, "merge part1.exr part2.exr -o merged.exr", 0);
-    assert_same_bits(&path.join("whole.exr"), &path.join("merged.exr"));
+    assert_same_bits(&path.join("whole.exr"), &in_parts(path, &line("--frame 8 --spp 256"), 2));
     expect(path, &line("--frame 8 --spp 128 -o more.exr --checkpoint 100"), 0);
     expect(path, &line("--frame 8 --spp 256 -o more.exr --checkpoint 100 --resume"), 0);
     assert_same_bits(&path.join("whole.exr"), &path.join("more.exr"));

@@ -23,6 +23,7 @@ use crate::helpers::program::{Folder, expect, scene, seal};
 use crate::helpers::random::Random;
 use crate::helpers::shared;
 use crate::import_packed;
+use crate::import_reach::chunks;
 
 #[path = "../fuzz/doors.rs"]
 mod doors;
@@ -56,29 +57,23 @@ fn shared_scenes() -> Vec<ValidFile> {
     let Some(folder) = shared::folder() else { return Vec::new() };
     let mut rows = shared::scenes(&folder);
     rows.retain(|row| row["bytes_total"].parse::<u64>().is_ok_and(|bytes| bytes < 40_000));
-    let malformed = |path: &str| path.starts_with("malformed");
-    let (malformed, others): (Vec<_>, Vec<_>) = rows.iter().partition(|row| malformed(&row["path"]));
+    let (malformed, others): (Vec<_>, Vec<_>) = rows.iter().partition(|row| row["path"].starts_with("malformed"));
     let some = malformed.into_iter().step_by(4).chain(others);
     some.map(|row| ValidFile { doors: SCENE, bytes: embedded(&folder.join(&row["path"])) }).collect()
 }
 
-/// Valid files of this program, each with the doors (entry points for foreign bytes) that accept it.
 /// Packed streams behind the head that `doors::decoders` takes.
 fn streams() -> Vec<Vec<u8>> {
     let head = |which: u8, kind: u8, stride: u8, counts: [u64; 2]| -> Vec<u8> {
         let counts = counts.into_iter().flat_map(|count| (count as u32).to_le_bytes());
         [which, kind, stride, 0].into_iter().chain(counts).collect()
     };
-    let mut all = Vec::new();
     let blocks = &include_bytes!("data/uastc.bin")[..256];
-    all.push([head(0, 0, 0, [0; 2]), import_packed::ktx2(blocks, 0)].concat());
-    let parts = |file: &[u8]| {
-        let text = u32::from_le_bytes(file[12..16].try_into().unwrap()) as usize;
-        (serde_json::from_slice::<Value>(&file[20..20 + text]).unwrap(), file[28 + text..].to_vec())
-    };
+    let mut all = vec![[head(0, 0, 0, [0; 2]), import_packed::ktx2(blocks, 0)].concat()];
     let number = |value: &Value| value.as_u64().unwrap();
     for sequence in [false, true] {
-        let (json, binary) = parts(&import_packed::meshopt("EXT_meshopt_compression", 1, sequence, sequence));
+        let file = import_packed::meshopt("EXT_meshopt_compression", 1, sequence, sequence);
+        let (json, binary) = chunks(&file).unwrap();
         let packed = &json["bufferViews"][0]["extensions"]["EXT_meshopt_compression"];
         let [start, length, count, stride] =
             ["byteOffset", "byteLength", "count", "byteStride"].map(|key| number(&packed[key]));
@@ -87,7 +82,7 @@ fn streams() -> Vec<Vec<u8>> {
         all.push([head(1, filter, stride as u8, [count, 0]), stream.to_vec()].concat());
     }
     for speed in [0, 10] {
-        let (json, binary) = parts(&import_packed::draco(speed));
+        let (json, binary) = chunks(&import_packed::draco(speed)).unwrap();
         let primitive = &json["meshes"][0]["primitives"][0];
         let packed = &primitive["extensions"]["KHR_draco_mesh_compression"];
         let view = &json["bufferViews"][number(&packed["bufferView"]) as usize];
@@ -100,27 +95,27 @@ fn streams() -> Vec<Vec<u8>> {
     all
 }
 
+/// Valid files of this program, each with the doors (entry points for foreign bytes) that accept it.
 fn valid_files() -> Vec<ValidFile> {
     let folder = Folder::new();
     let mut all = Vec::new();
     let mut add = |doors: &'static [&'static str], bytes: Vec<u8>| all.push(ValidFile { doors, bytes });
 
-    for file in [glb::triangle(), glb::quad(), glb::moving()] {
+    for file in [
+        glb::triangle(),
+        glb::quad(),
+        glb::moving(),
+        import_packed::meshopt("EXT_meshopt_compression", 0, true, false),
+        import_packed::meshopt("KHR_meshopt_compression", 1, false, true),
+        import_packed::draco(0),
+        import_packed::draco(10),
+        Parts::default().json().into_bytes(),
+        fs::read(scene("cornell.glb")).unwrap(),
+        fs::read(scene("veach.glb")).unwrap(),
+    ] {
         add(SCENE, file);
     }
-    add(SCENE, import_packed::meshopt("EXT_meshopt_compression", 0, true, false));
-    add(SCENE, import_packed::meshopt("KHR_meshopt_compression", 1, false, true));
-    for speed in [0, 10] {
-        add(SCENE, import_packed::draco(speed));
-    }
-    add(SCENE, Parts::default().json().into_bytes());
-    for name in ["cornell.glb", "veach.glb"] {
-        add(SCENE, fs::read(scene(name)).unwrap());
-    }
-
-    for stream in streams() {
-        add(&["decoders"], stream);
-    }
+    streams().into_iter().for_each(|stream| add(&["decoders"], stream));
 
     let pixels: Vec<u8> = (0..16 * 9 * 3).map(|i: u32| (i * i / 7) as u8).collect();
     let mut png = Vec::new();
@@ -151,8 +146,7 @@ fn valid_files() -> Vec<ValidFile> {
     let halves = |c: usize| FlatSamples::F16((0..24 * 20).map(|i| f16::from_f32((i * c % 31) as f32)).collect());
     for (i, compression) in compressions.into_iter().enumerate() {
         let channels = ["R", "G", "B"].iter().enumerate().map(|(c, name)| AnyChannel::new(*name, halves(c + 1)));
-        let tiles = Blocks::Tiles(Vec2(8, 8));
-        let blocks = if i % 2 == 0 { Blocks::ScanLines } else { tiles };
+        let blocks = if i % 2 == 0 { Blocks::ScanLines } else { Blocks::Tiles(Vec2(8, 8)) };
         let encoding = Encoding { compression, blocks, line_order: LineOrder::Increasing };
         let channels = AnyChannels::sort(channels.collect());
         let layer = Layer::new((24, 20), LayerAttributes::named("a"), encoding, channels);
@@ -164,10 +158,8 @@ fn valid_files() -> Vec<ValidFile> {
     add(&["exr"], fs::read(at("film.exr")).unwrap());
 
     fs::copy(scene("cornell.glb"), at("cornell.glb")).unwrap();
-    let line = "render cornell.glb --size 34x20 --spp 8 --checkpoint 9 -q -o out.exr";
-    expect(&folder, line, 0);
-    let out = fs::read(at("out.exr")).unwrap();
-    add(&["exr", "checkpoint"], out);
+    expect(&folder, "render cornell.glb --size 34x20 --spp 8 --checkpoint 9 -q -o out.exr", 0);
+    add(&["exr", "checkpoint"], fs::read(at("out.exr")).unwrap());
     add(&["statistics"], exr_file::read_statistics(&at("out.exr")).unwrap().unwrap());
 
     let jobs = "[defaults]\nspp = 4\noutput = '{name}-{seed}.exr'\n[[job]]\nscene = 'a.glb'\nno-env = true\nseed = 1\n\
@@ -179,12 +171,9 @@ fn valid_files() -> Vec<ValidFile> {
     }
     expect(&folder, "farm submit jobs.toml --format openjd --parts 2", 0);
     add(&["farm"], fs::read(at("jobs.farm/farm.json")).unwrap());
-    add(
-        &["farm"],
-        br#"{"version":"pathmapping-1.0","path_mapping_rules":[{"source_path_format":"POSIX",
-        "source_path":"/a","destination_path":"/b"}]}"#
-            .to_vec(),
-    );
+    let rules = r#"{"version":"pathmapping-1.0","path_mapping_rules":[{"source_path_format":"POSIX",
+        "source_path":"/a","destination_path":"/b"}]}"#;
+    add(&["farm"], rules.into());
     all
 }
 
@@ -278,15 +267,12 @@ fn mutate_json(json: &mut Value, random: &mut Random) {
 
 /// A scene or plan by its values, and by the bytes that they speak of; `None` if it is no document.
 fn mutated_document(bytes: &[u8], random: &mut Random) -> Option<Vec<u8>> {
-    let word = |at: usize| Some(u32::from_le_bytes(bytes.get(at..at + 4)?.try_into().ok()?) as usize);
     if !bytes.starts_with(b"glTF") {
         let mut json = serde_json::from_slice(bytes).ok()?;
         mutate_json(&mut json, random);
         return Some(json.to_string().into_bytes());
     }
-    let end = 20 + word(12)?;
-    let mut json = serde_json::from_slice(bytes.get(20..end)?).ok()?;
-    let mut binary = bytes.get(end + 8..).unwrap_or_default().to_vec();
+    let (mut json, mut binary) = chunks(bytes)?;
     for _ in 0..random.below(4) {
         let at = random.below(binary.len());
         binary.iter_mut().skip(at).take(1).for_each(|byte| *byte ^= 1 << random.below(8));
@@ -364,12 +350,7 @@ fn no_mutated_file_panics_aborts_or_hangs() {
     let mut valid = valid_files();
     valid.extend(shared_scenes());
     let folder = Folder::new();
-    let mut failures = Vec::new();
-    for number in numbers {
-        if !attempt(&valid, number, &folder) {
-            failures.push(number);
-        }
-    }
+    let failures: Vec<_> = numbers.filter(|number| !attempt(&valid, *number, &folder)).collect();
     let largest = valid.iter().map(|s| s.bytes.len() as u64).max().unwrap();
     let peak = peak_memory_bytes();
     assert!(failures.is_empty(), "BISMAR_MUTATION={}", failures[0]);

@@ -8,7 +8,7 @@ use serde_json::json;
 
 use crate::helpers::farm::{HOSTILE, absent, folder, status, succeeds};
 use crate::helpers::glb;
-use crate::helpers::program::{self, assert_same_bits, bismar, expect};
+use crate::helpers::program::{Folder, assert_same_bits, bismar, expect};
 
 /// The tool: on the path, or where `scripts/setup.sh --farm` puts it.
 fn tool() -> Option<PathBuf> {
@@ -22,23 +22,29 @@ fn tool() -> Option<PathBuf> {
     found
 }
 
+/// `bismar farm submit SCENE LINE`, as a template.
+#[track_caller]
+fn submit(folder: &Path, scene: &str, line: &str) {
+    let mut command = bismar(folder);
+    command.args(["farm", "submit", scene, "--format", "openjd"]).args(line.split(' '));
+    succeeds(command);
+}
+
+/// Checks or runs a folder's template; stdout.
+#[track_caller]
+fn openjd(tool: &Path, what: &str, folder: &Path, template: &str) -> String {
+    let mut command = Command::new(tool);
+    command.arg(what).arg(folder.join(template)).current_dir(folder);
+    succeeds(command)
+}
+
 #[test]
 fn a_template_is_accepted_and_its_run_is_the_single_machines_picture() {
     let Some(tool) = tool() else { return };
     let folder = folder();
     let flags = "--size 96x64 --spp 64 --aov all";
-    let mut submit = bismar(&folder);
-    submit.args(["farm", "submit", "veach.glb", "--parts", "3", "--format", "openjd", "--"]);
-    submit.args(flags.split(' ')).args(["-o", "out.exr"]);
-    succeeds(submit);
-    let template = folder.join("veach.farm/template.json");
-    let of = |what: &str| {
-        let mut command = Command::new(&tool);
-        command.arg(what).arg(&template).current_dir(&folder);
-        command
-    };
-    succeeds(of("check"));
-    let said = succeeds(of("run"));
+    submit(&folder, "veach.glb", &format!("--parts 3 -- {flags} -o out.exr"));
+    let [_, said] = ["check", "run"].map(|what| openjd(&tool, what, &folder, "veach.farm/template.json"));
     assert!(said.contains("openjd_progress: 100"), "{said}");
     expect(&folder, &format!("render veach.glb {flags} -o whole.exr -q"), 0);
     assert_same_bits(&folder.join("whole.exr"), &folder.join("out.exr"));
@@ -51,18 +57,9 @@ fn a_sequence_runs_as_a_parameter_space() {
     let path = &folder().with("moving.glb", glb::moving());
     let flags = "--frames 2-6x2 --size 40x30 --spp 4 --fps 10";
     expect(path, &format!("render moving.glb {flags} -o whole.####.exr -q"), 0);
-    for (parts, chunk) in [("1", "2"), ("2", "1")] {
-        let mut submit = bismar(path);
-        submit.args(["farm", "submit", "moving.glb", "--parts", parts, "--chunk", chunk, "--format", "openjd", "--"]);
-        submit.args(flags.split(' ')).args(["-o", "out.####.exr"]);
-        succeeds(submit);
-        let of = |what: &str| {
-            let mut command = Command::new(&tool);
-            command.arg(what).arg(path.join("moving.farm/template.json")).current_dir(path);
-            command
-        };
-        succeeds(of("check"));
-        let said = succeeds(of("run"));
+    for (parts, chunk) in [(1, 2), (2, 1)] {
+        submit(path, "moving.glb", &format!("--parts {parts} --chunk {chunk} -- {flags} -o out.####.exr"));
+        let [_, said] = ["check", "run"].map(|what| openjd(&tool, what, path, "moving.farm/template.json"));
         assert!(said.contains("openjd_progress: 100"), "{said}");
         for frame in [2, 4, 6] {
             let out = path.join(format!("out.000{frame}.exr"));
@@ -76,15 +73,10 @@ fn a_sequence_runs_as_a_parameter_space() {
 #[test]
 fn a_job_runs_where_its_files_lie_elsewhere() {
     let Some(tool) = tool() else { return };
-    let folder = folder();
+    let folder = Folder::new().with_scene("there/veach.glb", "veach.glb").with_scene("there/sky.hdr", "field.hdr");
     let (there, here) = (folder.join("there"), folder.join("here"));
-    fs::create_dir(&there).unwrap();
-    fs::copy(folder.join("veach.glb"), there.join("veach.glb")).unwrap();
-    fs::copy(program::scene("field.hdr"), there.join("sky.hdr")).unwrap();
     let flags = "--size 40x30 --spp 8 --env sky.hdr -o out.exr --preview out.png";
-    let mut submit = bismar(&there);
-    submit.args(["farm", "submit", "veach.glb", "--parts", "2", "--format", "openjd", "--"]).args(flags.split(' '));
-    succeeds(submit);
+    submit(&there, "veach.glb", &format!("--parts 2 -- {flags}"));
     fs::rename(&there, &here).unwrap();
     let rules = json!({ "version": "pathmapping-1.0", "path_mapping_rules": [
         { "source_path_format": "POSIX", "source_path": there, "destination_path": here }] });
@@ -107,12 +99,8 @@ fn names_are_no_references() {
     for name in HOSTILE {
         let scene = format!("{name}.glb");
         fs::copy(folder.join("veach.glb"), inner.join(&scene)).unwrap();
-        let mut submit = bismar(&inner);
-        submit.args(["farm", "submit", &scene, "--parts", "2", "--format", "openjd", "--"]).args(flags.split(' '));
-        succeeds(submit);
-        let mut run = Command::new(&tool);
-        run.arg("run").arg(inner.join(format!("{name}.farm/template.json"))).current_dir(&inner);
-        succeeds(run);
+        submit(&inner, &scene, &format!("--parts 2 -- {flags}"));
+        openjd(&tool, "run", &inner, &format!("{name}.farm/template.json"));
         assert_same_bits(&folder.join("whole.exr"), &inner.join(format!("{name}.exr")));
         assert!(!inner.join("X").exists() && !folder.join("X").exists());
     }
@@ -127,11 +115,7 @@ fn templates_with_any_braces_and_jobs_called_like_merges_pass_the_check() {
     {
         let job = |name: &str| format!("[[job]]\nscene = 'veach.glb'\nname = '{name}'\n");
         fs::write(folder.join(format!("{file}.toml")), jobs.map(job).concat()).unwrap();
-        let mut submit = bismar(&folder);
-        submit.args(["farm", "submit", &format!("{file}.toml"), "--parts", "2", "--format", "openjd"]);
-        succeeds(submit);
-        let mut check = Command::new(&tool);
-        check.arg("check").arg(folder.join(format!("{file}.farm/template.json")));
-        succeeds(check);
+        submit(&folder, &format!("{file}.toml"), "--parts 2");
+        openjd(&tool, "check", &folder, &format!("{file}.farm/template.json"));
     }
 }

@@ -10,6 +10,7 @@ use glam::Vec3;
 
 use crate::helpers::stage::{Stage, add, area_light, lambert, look, metal, punctual, rectangle, sphere};
 use crate::helpers::statistics::{Mean, z_limit};
+use crate::motion::pixel_means;
 
 /// These settings with groups of such sizes.
 fn sharing(sizes: &str, of: RenderSettings) -> RenderSettings {
@@ -99,12 +100,7 @@ fn inside_a_glowing_sphere_each_bounce_adds_its_albedo() {
 
 /// Mean squared difference of pixels from means over all.
 fn variance(stage: &Stage, of: &RenderSettings, replicas: u32) -> f64 {
-    let mut pixels = vec![Mean::default(); (of.width * of.height) as usize];
-    for seed in 0..replicas {
-        let green = stage.green(&RenderSettings { seed, ..of.clone() });
-        pixels.iter_mut().zip(green).for_each(|(pixel, green)| pixel.add(green));
-    }
-    pixels.iter().map(|pixel| pixel.standard_error().powi(2)).sum()
+    pixel_means(stage, of, replicas).iter().map(|pixel| pixel.standard_error().powi(2)).sum()
 }
 
 /// A room whose lamp is hidden from the floor below it, which fills the picture.

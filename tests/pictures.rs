@@ -2,29 +2,16 @@
 
 use std::fs;
 use std::path::Path;
-use std::process::Stdio;
-use std::thread;
-use std::time::Duration;
 
 use crate::helpers::gltf_parts::Parts;
 use crate::helpers::pictures::{python, run};
-use crate::helpers::program::{self, Folder, bismar, bits, channel, expect, says, stdout};
+use crate::helpers::program::{self, Folder, Running, bismar, bits, channel, expect, says, stdout};
 use crate::helpers::skipped::skipped;
+use crate::merge::in_parts;
 
 /// A folder with `cornell.glb`.
 fn folder() -> Folder {
     Folder::new().with_scene("cornell.glb", "cornell.glb").with_scene("field.hdr", "field.hdr")
-}
-
-/// `out.exr`, saved by a render that was then interrupted.
-fn interrupted(folder: &Path, line: &str) {
-    let mut child = bismar(folder).args(line.split(' ')).stderr(Stdio::null()).spawn().unwrap();
-    while !folder.join("out.exr").exists() {
-        assert!(child.try_wait().unwrap().is_none(), "it ended by itself");
-        thread::sleep(Duration::from_millis(10));
-    }
-    program::signal(&child, "-TERM");
-    assert_eq!(child.wait().unwrap().code(), Some(75));
 }
 
 #[test]
@@ -32,20 +19,22 @@ fn every_kind_of_file_opens_in_openimageio_and_blender_without_a_word() {
     let Some(python) = python() else { return };
     let folder = folder();
     let line = "render cornell.glb --size 80x60 -q --spp 4 --threads 1";
-    interrupted(&folder, "render cornell.glb --size 80x60 --spp 100000 --checkpoint 0.05 -q -o out.exr");
-    fs::rename(folder.join("out.exr"), folder.join("interrupted.exr")).unwrap();
+    let long = "render cornell.glb --size 80x60 --spp 100000 --checkpoint 0.05 --progress plain -o interrupted.exr";
+    let mut interrupted = Running::start(&folder, long);
+    while !folder.join("interrupted.exr").exists() {
+        interrupted.next_line();
+    }
+    assert_eq!(interrupted.end("-TERM").0, Some(75));
     for (flags, name) in [
         ("", "finished"),
         ("--aov all --checkpoint 9", "all"),
         ("--aov all --half --env field.hdr", "half"),
         ("--env field.hdr --transparent", "transparent"),
-        ("--part 1/2", "part1"),
-        ("--part 2/2", "part2"),
         ("--crop 13,9,50,33 --checkpoint 9", "crop"),
     ] {
         expect(&folder, &format!("{line} {flags} -o {name}.exr"), 0);
     }
-    expect(&folder, "merge part1.exr part2.exr -o merged.exr -q", 0);
+    in_parts(&folder, line, 2);
     let names = ["finished", "interrupted", "part1", "merged", "crop", "all", "half", "transparent"];
     let files: Vec<_> = names.iter().map(|name| format!("{name}.exr")).collect();
     let seen = run(&python, "look.py", &folder, &files.iter().map(String::as_str).collect::<Vec<_>>());
@@ -91,14 +80,6 @@ fn alpha_is_1_where_the_sky_is_shown_and_coverage_where_it_is_left_out() {
     assert!(opaque.iter().zip(&open).all(|(a, b)| (a - b).abs() <= 0.5 / 255.0 + 1e-6));
 }
 
-#[test]
-fn where_nothing_is_depth_is_finite() {
-    let folder = folder();
-    expect(&folder, "render cornell.glb --size 40x30 --spp 2 -q --aov depth -o a.exr", 0);
-    let depth = channel(&folder.join("a.exr"), "depth.Z");
-    assert!(depth.contains(&1e10) && depth.iter().all(|d| *d > 0.0 && *d <= 1e10));
-}
-
 fn rgb(path: &Path) -> Vec<u8> {
     image::open(path).unwrap().into_rgb8().into_raw()
 }
@@ -139,8 +120,7 @@ fn a_png_that_was_changed_or_cut_is_written_again() {
     let line = "render cornell.glb --size 40x30 --spp 8 -o a.exr --preview a.png --resume";
     expect(&folder, line, 0);
     let (picture, png) = (fs::read(file("a.exr")).unwrap(), fs::read(file("a.png")).unwrap());
-    let said = expect(&folder, line, 0);
-    assert!(said.contains("nothing to do"), "{said}");
+    says(&folder, line, 0, "nothing to do");
     let mut flipped = png.clone();
     flipped[png.len() / 2] ^= 1;
     for bytes in [&flipped[..], &png[..png.len() - 1], &png[..png.len() / 2], b""] {
@@ -178,9 +158,8 @@ fn a_scene_without_camera_fills_pictures_of_any_shape_and_is_not_cut_off() {
         let said = expect(&folder, &line, 0);
         assert!(said.is_empty(), "{said}");
         let alpha = channel(&folder.join("a.exr"), "A");
-        let there = (0..alpha.len()).filter(|i| alpha[*i] > 0.0);
         let (mut low, mut high) = ([width, height], [0, 0]);
-        for i in there {
+        for i in (0..alpha.len()).filter(|i| alpha[*i] > 0.0) {
             let at = [i % width, i / width];
             low = [low[0].min(at[0]), low[1].min(at[1])];
             high = [high[0].max(at[0] + 1), high[1].max(at[1] + 1)];
@@ -285,7 +264,6 @@ pub fn false_denoiser(folder: &Path, name: &str, what: &str) -> std::path::PathB
     let (source, library) = (folder.join("oidn.c"), folder.join(name));
     let code = format!(
         r#"#include <stdlib.h>
-        #include <stddef.h>
         #include <unistd.h>
         #include <string.h>
         static float *in, *out; static size_t w, h; static int code; static const char *text = "";

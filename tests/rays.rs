@@ -8,8 +8,8 @@ use bismar::Error;
 use bismar::rays::cwbvh::{ObvhsOptions, ObvhsRays, Preset, TreeKind, TriangleTest};
 use bismar::rays::embree::{EmbreeOptions, EmbreeRays, Packets, Quality};
 use bismar::rays::{self, Backend, HitBatch, MISS, RayBatch, RayOrder, RayQueries};
-use bismar::scene::{Instance, Mesh, Object, Scene};
-use glam::{Affine3A, Quat, Vec3, vec3};
+use bismar::scene::{AlphaMode, Instance, Material, Mesh, Object, Scene};
+use glam::{Affine3A, Quat, Vec3, Vec4, vec3};
 
 mod reference;
 use reference::Reference;
@@ -75,7 +75,7 @@ fn ray(origin: Vec3, direction: Vec3) -> RayBatch {
 }
 
 /// Triangles of all sizes in [-1, 1]³.
-fn soup(count: u32, seed: u64) -> bismar::scene::Mesh {
+fn soup(count: u32, seed: u64) -> Mesh {
     let mut random = Random(seed);
     let mut vertices = Vec::new();
     for _ in 0..count {
@@ -125,12 +125,6 @@ const RECIPROCAL: f32 = 2.0 * f32::EPSILON;
 
 const LENGTHS: [usize; 9] = [0, 1, 7, 8, 9, 15, 16, 17, 1000];
 
-/// Asserts bit-identical distances. The surfaces hit may differ where they coincide.
-fn assert_same_distances(a: &HitBatch, b: &HitBatch, what: &str) {
-    let bits = |column: &[f32]| column.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
-    assert_eq!(bits(&a.t), bits(&b.t), "{what}");
-}
-
 #[test]
 fn closest_hits_are_those_of_brute_force_in_double_precision() {
     let scene = soups();
@@ -142,7 +136,6 @@ fn closest_hits_are_those_of_brute_force_in_double_precision() {
             let unique = reference.check(&rays, &hits);
             let hit = hits.prim.iter().filter(|&&prim| prim != MISS).count();
             if len == 1000 {
-                println!("{:?}: {hit} hits, {unique} unique", backend.info());
                 // The test is not vacuous: many rays hit, and few are within rounding of an edge.
                 assert!(hit > 300 && hit < 700, "{hit}");
                 assert!(unique > 990, "{unique}");
@@ -168,6 +161,7 @@ fn occluded_says_whether_there_is_a_hit() {
 
 #[test]
 fn hits_are_the_same_in_every_grouping_and_order_but_for_which_of_coincident_surfaces_is_hit() {
+    let bits = |distances: &[f32]| distances.iter().map(|t| t.to_bits()).collect::<Vec<_>>();
     // Two equal instances in one place: every hit is a tie.
     let room = box_room().meshes.remove(0);
     let here = Some(Affine3A::IDENTITY);
@@ -181,20 +175,13 @@ fn hits_are_the_same_in_every_grouping_and_order_but_for_which_of_coincident_sur
                 let whole = closest(&*backend, rays, RayOrder::Incoherent);
                 let shadows = occluded(&*backend, rays, RayOrder::Incoherent);
                 for (len, order) in [(1, RayOrder::Coherent), (7, RayOrder::Incoherent), (1000, RayOrder::Coherent)] {
-                    let mut concatenated = HitBatch::default();
-                    let mut concatenated_shadows = Vec::new();
+                    let (mut distances, mut concatenated_shadows) = (Vec::new(), Vec::new());
                     for piece in pieces(rays, len) {
-                        let hits = closest(&*backend, &piece, order);
-                        concatenated.t.extend(hits.t);
-                        concatenated.u.extend(hits.u);
-                        concatenated.v.extend(hits.v);
-                        concatenated.instance.extend(hits.instance);
-                        concatenated.mesh.extend(hits.mesh);
-                        concatenated.prim.extend(hits.prim);
+                        distances.extend(closest(&*backend, &piece, order).t);
                         concatenated_shadows.extend(occluded(&*backend, &piece, order));
                     }
                     let what = format!("pieces of {len}, {order:?}, {:?}", backend.info());
-                    assert_same_distances(&whole, &concatenated, &what);
+                    assert_eq!(bits(&whole.t), bits(&distances), "{what}");
                     assert_eq!(shadows, concatenated_shadows, "{what}");
                 }
             }
@@ -247,11 +234,8 @@ fn malformed_scenes_are_rejected_with_the_element() {
         change(&mut scene);
         let scene = Arc::new(scene);
         for backend in [Backend::Embree, Backend::Obvhs] {
-            match rays::build(backend, scene.clone()) {
-                Err(Error::Data(text)) => assert!(text.contains(part), "{text}"),
-                Err(error) => panic!("{error}"),
-                Ok(_) => panic!("{part:?} was taken"),
-            }
+            let refused = rays::build(backend, scene.clone()).err();
+            assert!(matches!(&refused, Some(Error::Data(text)) if text.contains(part)), "{part}: {refused:?}");
         }
     };
     rejected(|scene| Arc::make_mut(&mut scene.meshes[0]).indices[2][1] = 9, "triangle 2");
@@ -287,17 +271,12 @@ fn a_build_is_followed_and_can_be_stopped() {
         assert!(all.iter().all(|done| (0.0..=1.0).contains(done)), "{all:?}");
         // Both backends report progress in each of these ranges.
         for (low, high) in [(0.0, 0.31), (0.3, 0.81), (0.5, 1.0)] {
-            assert!(
-                all.iter().any(|done| (low..=high).contains(done)),
-                "{backend:?}: nothing in {low}..{high}: {all:?}"
-            );
+            let reported = all.iter().any(|done| (low..=high).contains(done));
+            assert!(reported, "{backend:?}: nothing in {low}..{high}: {all:?}");
         }
         for stop_at in [0.0, 0.4] {
-            match build(stop_at) {
-                Err(Error::Interrupted(text)) => assert!(text.contains("building"), "{text}"),
-                Err(error) => panic!("{error}"),
-                Ok(_) => panic!("not stopped at {stop_at}"),
-            }
+            let stopped = build(stop_at).err();
+            assert!(matches!(&stopped, Some(Error::Interrupted(text)) if text.contains("building")), "{stopped:?}");
         }
     }
 }
@@ -323,5 +302,75 @@ fn backends_describe_themselves() {
         assert!(info.memory_bytes > 36 * 16, "{info:?}");
         assert!(info.build_seconds > 0.0 && !info.isa.is_empty(), "{info:?}");
         assert!(info.version.split('.').all(|part| part.parse::<u32>().is_ok()), "{info:?}");
+    }
+}
+
+const RAYS: usize = 100_000;
+
+/// A square with an alpha at z = 0, once in world space around x = 0 and once as an instance around x = 10, each over
+/// an opaque one at z = -1.
+fn squares(alpha: f32, alpha_mode: AlphaMode) -> Arc<Scene> {
+    let square = |z: f32, material: u32| {
+        let corners = vec![[-1.0, -1.0, z], [1.0, -1.0, z], [1.0, 1.0, z], [-1.0, 1.0, z]];
+        Mesh { material, ..Mesh::new(corners, vec![[0, 1, 2], [0, 2, 3]]) }
+    };
+    let aside = Affine3A::from_translation(vec3(10.0, 0.0, 0.0));
+    let mut squares = scene(vec![square(-1.0, 0), square(0.0, 1)], &[(0, None), (0, Some(aside))]);
+    squares.objects[0].meshes = 0..2;
+    let opaque = Material { base_color: Vec4::new(1.0, 1.0, 1.0, alpha), ..Material::default() };
+    squares.materials = vec![opaque.clone(), Material { alpha_mode, ..opaque }];
+    Arc::new(squares)
+}
+
+/// Rays down on the squares around `x`.
+fn rays_down(x: f32) -> RayBatch {
+    let mut random = Random(x as u64);
+    let mut batch = RayBatch::default();
+    for _ in 0..RAYS {
+        let origin = random.point() * vec3(0.9, 0.9, 0.0) + vec3(x, 0.0, 1.0);
+        batch.push(origin, vec3(0.0, 0.0, -1.0), 0.0, f32::INFINITY, random.bits());
+    }
+    batch
+}
+
+/// Of each backend, and of both places: which rays the upper square stops.
+fn stopped(scene: &Arc<Scene>) -> Vec<Vec<bool>> {
+    let mut all = Vec::new();
+    for backend in [Backend::Embree, Backend::Obvhs] {
+        let backend = rays::build(backend, scene.clone()).unwrap();
+        for x in [0.0, 10.0] {
+            let mut rays = rays_down(x);
+            let hits = closest(&*backend, &rays, RayOrder::Incoherent);
+            assert!(hits.mesh.iter().all(|&mesh| mesh != MISS), "the opaque square stops what the upper one does not");
+            let stopped: Vec<bool> = hits.mesh.iter().map(|&mesh| mesh == 1).collect();
+            // With the interval ending between the squares.
+            rays.tfar.fill(1.5);
+            assert_eq!(occluded(&*backend, &rays, RayOrder::Incoherent), stopped, "{:?}", backend.info());
+            all.push(stopped);
+        }
+    }
+    assert_eq!(all[0], all[2], "both backends let the same rays through in world space");
+    assert_eq!(all[1], all[3], "both backends let the same rays through an instance");
+    all
+}
+
+/// Five standard deviations: fewer than one false alarm in 1.7 million such tests.
+#[test]
+fn surfaces_are_there_as_often_as_their_alpha_and_its_mode_say() {
+    for (alpha, mode, share) in [
+        (0.0, AlphaMode::Opaque, 1.0_f32),
+        (0.49, AlphaMode::Mask(0.5), 0.0),
+        (0.5, AlphaMode::Mask(0.5), 1.0),
+        (0.0, AlphaMode::Blend, 0.0),
+        (0.3, AlphaMode::Blend, 0.3),
+        (1.0, AlphaMode::Blend, 1.0),
+    ] {
+        for stopped in stopped(&squares(alpha, mode)) {
+            let (n, p) = (RAYS as f64, f64::from(share));
+            let deviation = (n * p * (1.0 - p)).sqrt();
+            let surplus = stopped.iter().filter(|&&stopped| stopped).count() as f64 - n * p;
+            // Half a ray for the rounding of n p; where all or none are stopped, that is the exact number.
+            assert!(surplus.abs() <= 5.0 * deviation + 0.5, "{surplus} of {n} rays at alpha {alpha}, {mode:?}");
+        }
     }
 }

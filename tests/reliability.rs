@@ -4,7 +4,7 @@
 use std::fs;
 use std::io::Write;
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::Command;
 use std::sync::atomic::AtomicBool;
 
 use bismar::Error;
@@ -12,16 +12,12 @@ use bismar::rays::Backend;
 use bismar::render::lens::{Aperture, Focus, LensSettings};
 use bismar::render::{Balance, Part, RenderSettings, RunOptions, StopReason, StudyOptions, render, replay, run};
 
-use crate::helpers::gltf_parts::{Parts, TRIANGLE, floats};
-use crate::helpers::program::{
-    self, Folder, Running, assert_same_bits, attribute, bismar, expect, names, says, stderr,
-};
+use crate::helpers::gltf_parts::floats;
+use crate::helpers::program::{self, Running, assert_same_bits, attribute, expect, names, read_json, says, stderr};
 use crate::helpers::skipped::skipped;
 use crate::helpers::stage::{Stage, hall};
-
-fn folder() -> Folder {
-    Folder::new().with_scene("cornell.glb", "cornell.glb")
-}
+use crate::import_content::{accessor, with};
+use crate::resume::folder;
 
 #[test]
 fn the_second_of_two_writers_is_told() {
@@ -50,32 +46,8 @@ fn the_second_of_two_writers_is_told() {
 }
 
 #[test]
-fn merge_asks_of_parts_what_resume_asks() {
-    const OTHER_PASSES: &str = "took other passes";
-    let folder = folder();
-    let line = "render cornell.glb --size 40x30 -q --checkpoint 9 --resume";
-    for (part, goals) in [(1, &["64", "256"][..]), (2, &["256"])] {
-        for goal in goals {
-            expect(&folder, &format!("{line} --part {part}/2 --spp {goal} -o {part}.exr"), 0);
-        }
-    }
-    let said = expect(&folder, "merge 1.exr 2.exr -o out.exr", 0);
-    assert!(said.contains("1.exr was begun with another goal") && said.contains(OTHER_PASSES), "{said}");
-    assert!(!said.contains("2.exr was begun"), "{said}");
-    // From a multiple of 128 there is nothing to tell, and the bits are those of the whole.
-    fs::remove_file(folder.join("1.exr")).unwrap();
-    for goal in ["128", "256"] {
-        expect(&folder, &format!("{line} --part 1/2 --spp {goal} -o 1.exr"), 0);
-    }
-    let said = expect(&folder, "merge 1.exr 2.exr -o out.exr", 0);
-    assert!(!said.contains(OTHER_PASSES), "{said}");
-    expect(&folder, "render cornell.glb --size 40x30 -q --spp 256 -o whole.exr", 0);
-    assert_same_bits(&folder.join("whole.exr"), &folder.join("out.exr"));
-}
-
-#[test]
 fn merge_knows_what_its_parts_have_learned_and_how_passes_were_cut() {
-    const TOLD: &str = "was begun with another goal";
+    const TOLD: &str = "was begun with another goal and took other passes";
     let folder = folder();
     let parts = |flags: &str, goals: &[&str]| {
         for (part, goals) in [(1, goals), (2, &goals[goals.len() - 1..])] {
@@ -96,7 +68,7 @@ fn merge_knows_what_its_parts_have_learned_and_how_passes_were_cut() {
     }
     for (flags, goals) in [("", &["128", "256"][..]), ("--guiding on", &["128"])] {
         let said = parts(flags, goals);
-        assert!(!said.contains(TOLD), "{flags} {goals:?}: {said}");
+        assert!(!said.contains("another goal") && !said.contains("other passes"), "{flags} {goals:?}: {said}");
         let spp = goals[goals.len() - 1];
         expect(&folder, &format!("render cornell.glb --size 40x30 -q {flags} --spp {spp} -o whole.exr"), 0);
         assert_same_bits(&folder.join("whole.exr"), &folder.join("out.exr"));
@@ -124,15 +96,12 @@ fn a_noise_goal_that_goes_on_with_more_paths_says_that_its_bits_are_others() {
 #[test]
 fn parts_of_a_scene_with_and_without_a_texture_are_of_different_renders() {
     let path = &folder();
-    let mut positions = floats(&TRIANGLE);
-    positions.extend(floats(&[0.0, 0.0, 1.0, 0.0, 0.0, 1.0]));
-    let accessor = r#"{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"},
-        {"bufferView":0,"byteOffset":36,"componentType":5126,"count":3,"type":"VEC2"}"#;
-    let more = r#","materials":[{"pbrMetallicRoughness":{"baseColorTexture":{"index":0}}}],"textures":[{"source":0}],
-        "images":[{"uri":"a.png"}]"#;
-    let primitive = r#"{"attributes":{"POSITION":0,"TEXCOORD_0":1},"material":0}"#.into();
-    let (accessor, more) = (accessor.into(), more.into());
-    let parts = Parts { positions, accessor, primitive, more, ..Default::default() };
+    let coordinates = accessor(36, 5126, 3, "VEC2", false);
+    let primitive = r#"{"attributes":{"POSITION":0,"TEXCOORD_0":1},"material":0}"#;
+    let mut parts = with(floats(&[0.0, 0.0, 1.0, 0.0, 0.0, 1.0]), &coordinates, primitive);
+    parts.more = r#","materials":[{"pbrMetallicRoughness":{"baseColorTexture":{"index":0}}}],"textures":[{"source":0}],
+        "images":[{"uri":"a.png"}]"#
+        .into();
     fs::write(path.join("a.gltf"), parts.json()).unwrap();
     let part = |part: u32, code: i32| {
         let line = format!("render a.gltf --sky --size 40x30 -q --spp 4 --part {part}/2 --resume -o {part}.exr");
@@ -143,8 +112,7 @@ fn parts_of_a_scene_with_and_without_a_texture_are_of_different_renders() {
     part(2, 0);
     says(path, "merge 1.exr 2.exr -o out.exr", 65, "different scene");
     // Neither is what was rendered without it finished.
-    let said = part(1, 65);
-    assert!(said.contains("holds another render"), "{said}");
+    assert!(part(1, 65).contains("holds another render"));
     fs::remove_file(path.join("1.exr")).unwrap();
     part(1, 0);
     expect(path, "merge 1.exr 2.exr -o out.exr -q", 0);
@@ -162,18 +130,15 @@ fn only_copies_of_this_render_are_removed() {
     let before = mine();
     let long = "render cornell.glb --size 96x64 --spp 100000 --checkpoint 0.02 --keep 1 -o k.exr --progress plain \
                 --env k.checkpoint-0001.exr";
-    let mut first =
-        bismar(path).args(long.split_whitespace()).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    let mut first = Running::start(path, long);
     let ours = || -> Vec<String> {
         let others = |name: &String| name.starts_with("k.checkpoint-") && name.as_str() > "k.checkpoint-0003.exr";
         names(path).into_iter().filter(others).collect()
     };
     while !ours().iter().any(|name| name.as_str() > "k.checkpoint-0006.exr") {
-        assert!(first.try_wait().unwrap().is_none(), "it ended by itself");
-        std::thread::sleep(std::time::Duration::from_millis(20));
+        first.next_line();
     }
-    program::signal(&first, "-TERM");
-    assert_eq!(first.wait().unwrap().code(), Some(75));
+    assert_eq!(first.end("-TERM").0, Some(75));
     assert_eq!(ours().len(), 1, "{:?}", names(path));
     assert_eq!(fs::read(path.join("k.checkpoint-0002.exr")).unwrap(), b"mine");
     assert!(fs::symlink_metadata(path.join("k.checkpoint-0003.exr")).unwrap().is_symlink());
@@ -212,14 +177,9 @@ fn a_signal_is_heard_while_a_pre_pass_learns() {
 fn forge(path: &Path, from: &str, to: &str) {
     let mut file = fs::read(path).unwrap();
     assert_eq!(from.len(), to.len());
-    let mut found = 0;
-    for at in 0..file.len() - from.len() {
-        if file[at..at + from.len()] == *from.as_bytes() {
-            file[at..at + from.len()].copy_from_slice(to.as_bytes());
-            found += 1;
-        }
-    }
-    assert!(found > 0, "{} says nowhere {from}", path.display());
+    let found: Vec<_> = (0..file.len() - from.len()).filter(|at| file[*at..].starts_with(from.as_bytes())).collect();
+    assert!(!found.is_empty(), "{} says nowhere {from}", path.display());
+    found.into_iter().for_each(|at| file[at..at + to.len()].copy_from_slice(to.as_bytes()));
     program::seal(&mut file);
     fs::write(path, file).unwrap();
 }
@@ -262,8 +222,7 @@ fn statistics_of_a_finished_picture_are_written_again_without_a_render() {
         let line = format!("render cornell.glb --size 40x30 --spp 8 -o out.exr --stats out.json{more}");
         expect(&folder, &format!("{line} -q"), 0);
         let picture = fs::read(at("out.exr")).unwrap();
-        let stats = || serde_json::from_slice::<serde_json::Value>(&fs::read(at("out.json")).unwrap()).unwrap();
-        let first = stats();
+        let first = read_json(&at("out.json"));
         assert!(first["picture"].as_str().unwrap().starts_with(&format!("{:016}-", picture.len())), "{first}");
         let text = fs::read(at("out.json")).unwrap();
         expect(&folder, &format!("{line} --resume"), 0);
@@ -274,7 +233,7 @@ fn statistics_of_a_finished_picture_are_written_again_without_a_render() {
                 Some(text) => fs::write(at("out.json"), text).unwrap(),
             }
             says(&folder, &format!("{line} --resume"), 0, "finished before");
-            let again = stats();
+            let again = read_json(&at("out.json"));
             for field in ["schema", "version", "scene", "settings", "samples", "noise", "rays", "picture", "threads"] {
                 assert_eq!(again[field], first[field], "{field}");
             }
@@ -367,15 +326,18 @@ fn a_cgroup_is_found_and_heeded() {
     assert_eq!(small.0, Some(0), "{}", small.1);
 }
 
+/// Mebibytes that a render or a merge has said it needs.
+pub fn said_to_need(said: &str) -> u64 {
+    said.split("needs about ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap()
+}
+
 /// Most renders are given what they say they need, and not more.
 #[test]
 fn what_a_render_says_it_needs_is_enough() {
     let folder = folder();
     for (flags, threads) in [("", 1), ("", 8), ("--rays obvhs", 2), ("--part 1/2 --aov all --checkpoint 9", 2)] {
         let line = format!("render cornell.glb --size 640x480 --spp 1 --threads {threads} {flags} -q -o out.exr");
-        let said = expect(&folder, &format!("{line} --memory-limit 1M"), 76);
-        let words: Vec<_> = said.split(' ').collect();
-        let need = words[words.iter().position(|word| *word == "MiB").unwrap() - 1];
+        let need = said_to_need(&expect(&folder, &format!("{line} --memory-limit 1M"), 76));
         expect(&folder, &format!("{line} --memory-limit {need}M"), 0);
     }
 }

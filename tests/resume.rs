@@ -14,11 +14,12 @@ use bismar::film::exr_file;
 use bismar::rays::Backend;
 use bismar::render::checkpoint::{fits, pack, unpack};
 use bismar::render::{
-    Balance, Choice, CustomMethod, Part, Pause, RenderSettings, RenderStats, Rendered, RunOptions, Saved, StopReason,
-    Technique, render, run,
+    Balance, Choice, CustomMethod, Part, RenderSettings, RenderStats, Rendered, RunOptions, Saved, StopReason,
+    Technique, run,
 };
 
 use crate::helpers::program::{self, Folder, Running, assert_same_bits, bismar, bits, expect, names, paths, says};
+use crate::helpers::random::Random;
 use crate::helpers::skipped::skipped;
 use crate::helpers::stage::{Stage, hall};
 
@@ -132,34 +133,10 @@ fn a_method_of_another_crate_is_rendered_with_guiding_and_interrupted_as_ours_ar
     assert!(serde_json::from_value::<Balance>(name).unwrap_err().to_string().contains("no balance method `mine`"));
 }
 
-#[test]
-fn checkpoints_leave_no_trace_and_each_can_go_on() {
-    let stage = Stage::new(hall(), Backend::Embree);
-    let stop = AtomicBool::new(false);
-    // A pause that took long is followed by a long wait: on a busy machine it takes more paths to see a second one.
-    let at = |spp| {
-        let settings = RenderSettings { width: 50, height: 37, spp: Some(spp), ..RenderSettings::even() };
-        let whole = all_bits(&render(&stage.scene, &settings, &stop, &|_| ()).unwrap());
-        let mut saved = Vec::new();
-        let mut save = |r: &Rendered| saved.push((all_bits(r), r.stats));
-        let pauses = vec![Pause { seconds: 1e-3, at: &mut save }];
-        let job = RunOptions { pauses, ..RunOptions::new(&stop, &|_| ()) };
-        assert_eq!(all_bits(&run(&stage.scene, &settings, job).unwrap()), whole);
-        (settings, whole, saved)
-    };
-    let tried = [100, 400, 1600, 6400].into_iter().map(at).find(|(.., saved)| saved.len() > 1);
-    let (settings, whole, saved) = tried.expect("pauses");
-    for (bytes, stats) in saved.into_iter().step_by(2) {
-        let from = Some(Saved { tiles: unpack(&bytes).unwrap(), stats, goals: Vec::new() });
-        let job = RunOptions { from, ..RunOptions::new(&stop, &|_| ()) };
-        assert_eq!(all_bits(&run(&stage.scene, &settings, job).unwrap()), whole);
-    }
-}
-
 /// `scenes/cornell.glb` for about a second on one thread.
 const LONG: &str = "cornell.glb --size 96x64 --spp 192";
 
-fn folder() -> Folder {
+pub fn folder() -> Folder {
     Folder::new().with_scene("cornell.glb", "cornell.glb")
 }
 
@@ -176,13 +153,12 @@ fn two_hundred_kills_at_any_moment_lose_nothing_that_was_saved() {
     expect(&folder, &format!("render {LONG} -o whole.exr -q"), 0);
     // Some are killed while they load, some when they have saved often.
     let longest = start_of_whole.elapsed() / 4;
-    // Any moments do; that they are drawn alike every time is a help (Knuth's generator, MMIX).
-    let mut random = 1_u64;
-    let (mut kills, mut finished, mut most_saved) = (0, 0, 0);
+    // Any moments do; that they are drawn alike every time is a help.
+    let mut random = Random(1);
+    let (mut kills, mut most_saved) = (0, 0);
     while kills < KILLS {
         let mut child = start(&folder, &format!("render {LONG} -o killed.exr --checkpoint 0.02 --resume -v"));
-        random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        thread::sleep(longest.mul_f64((random >> 33) as f64 / (1_u64 << 31) as f64));
+        thread::sleep(longest.mul_f32(random.f32()));
         let alive = child.try_wait().unwrap().is_none();
         child.kill().unwrap();
         let mut said = String::new();
@@ -203,14 +179,13 @@ fn two_hundred_kills_at_any_moment_lose_nothing_that_was_saved() {
             assert!(said.contains("192 spp"), "it ended by itself:\n{said}");
             assert_same_bits(&whole, &killed);
             fs::remove_file(&killed).unwrap();
-            (finished, most_saved) = (finished + 1, 0);
+            most_saved = 0;
         }
         let left = names(&folder);
         assert!(left.len() <= 4, "killed processes leave their files: {left:?}");
     }
     expect(&folder, &format!("render {LONG} -o killed.exr --checkpoint 9 --resume -q"), 0);
     assert_same_bits(&whole, &killed);
-    println!("{KILLS} kills, {finished} renders finished between them");
 }
 
 #[test]
@@ -328,8 +303,7 @@ fn another_render_is_refused_by_name_and_left_alone() {
     let paper = "render cornell.glb --size 40x30 --spp 16 --balance second-order -o paper.exr --checkpoint 9";
     expect(&folder, &format!("{paper} --pilot 0.25 -q"), 0);
     says(&folder, &format!("{paper} --resume"), 65, "pilot (0.25 there, 0.5 here)");
-    let said = expect(&folder, &format!("{paper} --pilot 0.25 --resume"), 0);
-    assert!(said.contains("nothing to do"), "{said}");
+    says(&folder, &format!("{paper} --pilot 0.25 --resume"), 0, "nothing to do");
     let of_format = |format| exr_file::Header::from([("bismar.format".into(), exr_file::HeaderValue::Number(format))]);
     let film = bismar::film::Film::new(4, 4, [0, 0, 4, 4], false);
     for (header, words) in [
@@ -375,9 +349,8 @@ fn a_read_only_place_is_found_out_before_the_work() {
         skipped("this machine does not allow a read-only mount (unshare -rm)");
         return;
     }
-    let mut command = Command::new("unshare");
-    command.args(["-rm", "sh", "-c", script]).arg(program::program()).current_dir(&folder);
-    let status = command.status().unwrap();
+    let script = ["-rm", "sh", "-c", script];
+    let status = Command::new("unshare").args(script).arg(program::program()).current_dir(&folder).status().unwrap();
     let said = fs::read_to_string(folder.join("said")).unwrap();
     assert!(status.success() && said.contains("the file system is read-only") && said.contains("alike"), "{said}");
 }
@@ -480,28 +453,24 @@ fn a_signal_in_the_first_milliseconds_ends_with_75_or_leaves_everything_untouche
 #[test]
 fn checkpoints_are_kept_by_number_and_handed_on_and_the_first_is_early() {
     let folder = folder();
-    let told = folder.join("told.sh");
-    fs::write(&told, "#!/bin/sh\necho \"$1\" >>told\n").unwrap();
+    fs::write(folder.join("told.sh"), "#!/bin/sh\necho \"$1\" >>told\n").unwrap();
     assert!(Command::new("chmod").args(["+x", "told.sh"]).current_dir(&folder).status().unwrap().success());
     let in_folder = |prefix: &str| names(&folder).into_iter().filter(|n| n.starts_with(prefix)).collect::<Vec<_>>();
     // An hour between checkpoints; the first does not wait for it.
-    let line = format!("render {ENDLESS} --checkpoint 3600 --keep 3 --on-checkpoint ./told.sh --resume");
-    let mut child = start(&folder, &line);
+    let line =
+        format!("render {ENDLESS} --checkpoint 3600 --keep 3 --on-checkpoint ./told.sh --resume --progress plain");
+    let mut render = Running::start(&folder, &line);
     while in_folder("told").len() < 2 {
-        assert!(child.try_wait().unwrap().is_none());
-        thread::sleep(std::time::Duration::from_millis(20));
+        render.next_line();
     }
-    program::signal(&child, "-TERM");
-    assert_eq!(child.wait().unwrap().code(), Some(75));
+    assert_eq!(render.end("-TERM").0, Some(75));
     let lines = || fs::read_to_string(folder.join("told")).unwrap();
     assert_eq!(lines(), "./out.checkpoint-0001.exr\n./out.checkpoint-0002.exr\n");
-    let mut child = start(&folder, &line.replace("3600", "0.05"));
-    while !in_folder("out.checkpoint-").contains(&"out.checkpoint-0007.exr".to_owned()) {
-        assert!(child.try_wait().unwrap().is_none());
-        thread::sleep(std::time::Duration::from_millis(5));
+    let mut render = Running::start(&folder, &line.replace("3600", "0.05"));
+    while in_folder("out.checkpoint-").last().is_none_or(|last| last.as_str() < "out.checkpoint-0007.exr") {
+        render.next_line();
     }
-    program::signal(&child, "-TERM");
-    child.wait().unwrap();
+    render.end("-TERM");
     let kept = in_folder("out.checkpoint-");
     assert_eq!(kept.len(), 3, "{kept:?}");
     let held: Vec<_> = kept.iter().map(|name| paths(&folder.join(name))).collect();

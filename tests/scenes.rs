@@ -19,12 +19,11 @@ fn committed_scenes_are_byte_for_byte_what_their_program_writes() {
     assert!(status.success());
     let committed = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
     for part in ["", "study"] {
-        let mut names = Vec::new();
-        for name in files(&folder.join(part)) {
-            let read = |root: &Path| fs::read(root.join(part).join(&name)).unwrap();
+        let names = files(&folder.join(part));
+        for name in &names {
+            let read = |root: &Path| fs::read(root.join(part).join(name)).unwrap();
             let same = read(&folder) == read(&committed);
             assert!(same, "{name} differs: run `cargo run --release --example make_scenes` and look at what changed");
-            names.push(name);
         }
         // And none of them is left from an older program.
         for name in files(&committed.join(part)) {

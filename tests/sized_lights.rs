@@ -25,11 +25,8 @@ fn agrees(name: &str, scene: Scene, expected: f64) {
             let mean = stage.mean_green(&RenderSettings { balance, integrator, ..settings() }, REPLICAS);
             let error = mean.standard_error().hypot(ROUNDING * expected);
             let z = (mean.mean - expected) / error;
-            assert!(
-                z.abs() < limit,
-                "{name}, {backend:?} {integrator:?} {balance:?}: {} ± {error} for {expected}, z = {z}",
-                mean.mean
-            );
+            let what = format!("{name}, {backend:?} {integrator:?} {balance:?}");
+            assert!(z.abs() < limit, "{what}: {} ± {error} for {expected}, z = {z}", mean.mean);
         }
     }
 }

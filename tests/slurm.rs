@@ -11,6 +11,7 @@ use std::time::{Duration, Instant};
 use crate::helpers::farm::{HOSTILE, absent, folder, kill, parent, status, succeeds, writer};
 use crate::helpers::glb;
 use crate::helpers::program::{self, Folder, assert_same_bits, bismar, expect, paths};
+use crate::reliability::said_to_need;
 
 /// So long nothing happens only where something hangs: no new path in a picture, no task in a state that is new to it.
 /// Slurm itself lets seconds go by before it begins a task again, and a busy machine makes minutes of them.
@@ -23,7 +24,7 @@ fn whatever_happens_to_tasks_the_picture_is_that_of_a_single_machine() {
     if let Some(missing) = ["sbatch", "slurmctld", "slurmd", "munged"].into_iter().find(|p| !has(p)) {
         return absent(&format!("{missing} is not installed (Debian: slurmctld slurmd slurm-client munge)"));
     }
-    let work = Work::measured();
+    let work = measured_work();
     let scenarios: [(&str, Scenario); _] = [
         ("two nodes", an_array_over_two_nodes_and_its_merge_are_the_single_machines_picture),
         ("frames", frames_over_two_nodes_outlive_kill_9),
@@ -41,7 +42,7 @@ fn whatever_happens_to_tasks_the_picture_is_that_of_a_single_machine() {
             let work = &work;
             let timed = move || {
                 let start = Instant::now();
-                let stepped_in = [&work.long, &work.much_longer].into_iter().any(|flags| scenario(flags));
+                let stepped_in = work.iter().any(|flags| scenario(&Slurm::start(), flags));
                 assert!(stepped_in, "it was over before anything happened to it: a longer render is wanted");
                 println!("{name}: {:.0} s", start.elapsed().as_secs_f64());
             };
@@ -50,47 +51,29 @@ fn whatever_happens_to_tasks_the_picture_is_that_of_a_single_machine() {
     });
 }
 
-/// Given the flags of a render: false where it was over before the scenario could step in.
-type Scenario = fn(&str) -> bool;
+/// Given the flags of a render, on a Slurm of its own: false where it was over before the scenario could step in.
+type Scenario = fn(&Slurm, &str) -> bool;
 
-/// Flags of renders of `veach.glb` that take as long as scenarios ask for, whatever the machine.
-struct Work {
-    /// Several seconds on two free CPUs: long enough to step in, and for a limit of three.
-    long: String,
-    /// Where that was over before anybody stepped in: a machine that was busy when it was measured may be free later.
-    much_longer: String,
-}
-
-impl Work {
-    /// By the processor time of a short render, which a busy machine does not change.
-    fn measured() -> Self {
-        const SPP: f64 = 32.0;
-        let folder = folder();
-        let line = format!("\"$0\" render veach.glb {SIZE} --spp {SPP} --threads 2 -q && times");
-        let mut shell = Command::new("sh");
-        shell.args(["-c", &line]).arg(program::program()).current_dir(&folder);
-        let said = succeeds(shell);
-        // The second line is of the shell's children, user and system: "0m1.250s 0m0.040s".
-        let times = said.lines().nth(1).unwrap().split(' ').map(|time| {
-            let (minutes, seconds) = time.split_once('m').unwrap();
-            60.0 * minutes.parse::<f64>().unwrap() + seconds.trim_end_matches('s').parse::<f64>().unwrap()
-        });
-        let second = SPP / times.sum::<f64>().max(0.01);
-        // In whole passes.
-        let flags = |seconds: f64| format!("{SIZE} --spp {}", (seconds * second / 128.0).ceil() * 128.0);
-        Self { long: flags(16.0), much_longer: flags(96.0) }
-    }
-}
-
-const SIZE: &str = "--size 192x128";
-
-/// What has happened to a scenario's tasks so far.
-#[derive(Default, PartialEq, Clone)]
-struct Progress {
-    /// States of tasks, in Slurm's words.
-    states: BTreeSet<String>,
-    /// Most paths that all pictures had together.
-    paths: u64,
+/// Flags of renders of `veach.glb` that take several seconds on two free CPUs, whatever the machine: long enough to step
+/// in, and for a limit of three. The second takes longer, where the first was over before anybody stepped in: a machine
+/// that was busy when it was measured may be free later.
+fn measured_work() -> [String; 2] {
+    const SPP: f64 = 32.0;
+    const SIZE: &str = "--size 192x128";
+    let folder = folder();
+    // Processor time, which a busy machine does not change.
+    let line = format!("\"$0\" render veach.glb {SIZE} --spp {SPP} --threads 2 -q && times");
+    let mut shell = Command::new("sh");
+    shell.args(["-c", &line]).arg(program::program()).current_dir(&folder);
+    let said = succeeds(shell);
+    // The second line is of the shell's children, user and system: "0m1.250s 0m0.040s".
+    let times = said.lines().nth(1).unwrap().split(' ').map(|time| {
+        let (minutes, seconds) = time.split_once('m').unwrap();
+        60.0 * minutes.parse::<f64>().unwrap() + seconds.trim_end_matches('s').parse::<f64>().unwrap()
+    });
+    let second = SPP / times.sum::<f64>().max(0.01);
+    // In whole passes.
+    [16.0, 96.0].map(|seconds| format!("{SIZE} --spp {}", (seconds * second / 128.0).ceil() * 128.0))
 }
 
 /// Two nodes of two CPUs, with everything of theirs in one folder; down when dropped. And a folder with `veach.glb` for
@@ -182,12 +165,13 @@ impl Slurm {
 
     #[track_caller]
     fn wait(&self, what: &str, mut holds: impl FnMut() -> bool) {
-        let (mut since, mut before) = (Instant::now(), Progress::default());
+        let (mut since, mut states, mut most) = (Instant::now(), BTreeSet::new(), 0);
         while !holds() {
-            let mut now = before.clone();
-            self.look(&mut now);
-            if now != before {
-                (since, before) = (Instant::now(), now);
+            let known = states.len();
+            let (now, paths) = self.look();
+            states.extend(now);
+            if states.len() > known || paths > most {
+                (since, most) = (Instant::now(), most.max(paths));
             }
             if since.elapsed() > PATIENCE {
                 let logs = fs::read_dir(self.work.join("veach.farm/logs")).into_iter().flatten();
@@ -199,10 +183,11 @@ impl Slurm {
         }
     }
 
-    fn look(&self, progress: &mut Progress) {
-        let jobs = self.show("");
+    /// States of tasks, in Slurm's words, and the paths that all pictures have together.
+    fn look(&self) -> (Vec<String>, u64) {
         let word = |line: &str, key: &str| line.split(' ').find(|word| word.starts_with(key)).map(str::to_owned);
-        progress.states.extend(jobs.lines().filter_map(|job| Some(word(job, "JobId=")? + &word(job, "JobState=")?)));
+        let state = |job: &str| Some(word(job, "JobId=")? + &word(job, "JobState=")?);
+        let states = self.show("").lines().filter_map(state).collect();
         let mut paths = 0;
         let mut folders = vec![self.work.to_path_buf()];
         while let Some(folder) = folders.pop() {
@@ -214,12 +199,7 @@ impl Slurm {
                 }
             }
         }
-        progress.paths = progress.paths.max(paths);
-    }
-
-    /// Waits until a picture is saved.
-    fn wait_for_checkpoint(&self, picture: &Path) {
-        self.wait(&format!("{} is saved", picture.display()), || picture.exists());
+        (states, paths)
     }
 }
 
@@ -267,8 +247,7 @@ fn assert_went_on(folder: &Path) {
     }
 }
 
-fn an_array_over_two_nodes_and_its_merge_are_the_single_machines_picture(_: &str) -> bool {
-    let slurm = Slurm::start();
+fn an_array_over_two_nodes_and_its_merge_are_the_single_machines_picture(slurm: &Slurm, _: &str) -> bool {
     let folder = &slurm.work;
     let flags = "--size 160x120 --spp 256 --aov all";
     let whole = single_machine(folder, flags);
@@ -292,8 +271,7 @@ fn an_array_over_two_nodes_and_its_merge_are_the_single_machines_picture(_: &str
     true
 }
 
-fn frames_over_two_nodes_outlive_kill_9(_: &str) -> bool {
-    let slurm = Slurm::start();
+fn frames_over_two_nodes_outlive_kill_9(slurm: &Slurm, _: &str) -> bool {
     let folder = &slurm.work;
     fs::write(folder.join("moving.glb"), glb::moving()).unwrap();
     let flags = "--frames 1-8 --size 160x120 --spp 256 --fps 10 --shutter -1,1 --sky --aov velocity";
@@ -321,13 +299,12 @@ fn modified(task: &serde_json::Value) -> std::time::SystemTime {
 }
 
 /// Did the node die before the render was finished?
-fn a_task_whose_node_dies_goes_on_at_the_other_one(flags: &str) -> bool {
-    let slurm = Slurm::start();
+fn a_task_whose_node_dies_goes_on_at_the_other_one(slurm: &Slurm, flags: &str) -> bool {
     let folder = &slurm.work;
     let output = folder.join("out.exr");
     let line = format!("veach.glb --cpus 2 -- {flags} --checkpoint 0.5 -o out.exr");
     let jobs = slurm.submit(folder, &line);
-    slurm.wait_for_checkpoint(&output);
+    slurm.wait("a picture is saved", || output.exists());
     let node = slurm.values(&jobs[0], "NodeList").remove(0);
     // As a power cut does it: the daemon, Slurm's keeper of the task, the task, and its render.
     let Some(render) = writer(&output) else { return false };
@@ -352,13 +329,12 @@ fn a_task_whose_node_dies_goes_on_at_the_other_one(flags: &str) -> bool {
 }
 
 /// Was the job requeued and cancelled before it was finished?
-fn a_requeued_task_and_a_cancelled_job_go_on(flags: &str) -> bool {
-    let slurm = Slurm::start();
+fn a_requeued_task_and_a_cancelled_job_go_on(slurm: &Slurm, flags: &str) -> bool {
     let folder = &slurm.work;
     let output = folder.join("out.exr");
     let line = format!("veach.glb --cpus 2 -- {flags} --checkpoint 0.5 -o out.exr");
     let jobs = slurm.submit(folder, &line);
-    slurm.wait_for_checkpoint(&output);
+    slurm.wait("a picture is saved", || output.exists());
     if slurm.state(&jobs[0]) == ["COMPLETED"] {
         return false;
     }
@@ -388,8 +364,7 @@ fn a_requeued_task_and_a_cancelled_job_go_on(flags: &str) -> bool {
 }
 
 /// Did the limit interrupt the render?
-fn a_task_longer_than_its_time_limit_ends_all_the_same(flags: &str) -> bool {
-    let slurm = Slurm::start();
+fn a_task_longer_than_its_time_limit_ends_all_the_same(slurm: &Slurm, flags: &str) -> bool {
     let folder = &slurm.work;
     // A limit is a minute at least; signalled 57 seconds before it, a task has three.
     let line = format!("veach.glb --cpus 2 --minutes 1 --sbatch=--signal=B:TERM@57 -- {flags} -o out.exr");
@@ -401,8 +376,7 @@ fn a_task_longer_than_its_time_limit_ends_all_the_same(flags: &str) -> bool {
     restarts > 0
 }
 
-fn a_failed_task_cancels_its_own_merge_and_no_other(_: &str) -> bool {
-    let slurm = Slurm::start();
+fn a_failed_task_cancels_its_own_merge_and_no_other(slurm: &Slurm, _: &str) -> bool {
     let folder = &slurm.work;
     fs::write(folder.join("broken.glb"), b"glTF but not really").unwrap();
     let file = "[defaults]\nsize = '48x32'\nspp = 8\noutput = 'out/{name}.exr'\n\n[[matrix]]\n\
@@ -425,8 +399,7 @@ fn a_failed_task_cancels_its_own_merge_and_no_other(_: &str) -> bool {
     true
 }
 
-fn names_are_data_to_slurm_too(_: &str) -> bool {
-    let slurm = Slurm::start();
+fn names_are_data_to_slurm_too(slurm: &Slurm, _: &str) -> bool {
     let flags = "--size 40x20 --spp 2";
     let whole = single_machine(&slurm.work, flags);
     let submitted = HOSTILE.map(|name| {
@@ -453,11 +426,8 @@ fn names_are_data_to_slurm_too(_: &str) -> bool {
 
 /// Mebibytes that a render says it needs.
 fn need(folder: &Path, flags: &str) -> u64 {
-    let said =
-        expect(folder, &format!("render veach.glb {flags} --part 1/2 --threads 1 --memory-limit 1M -o no.exr"), 76);
-    let words: Vec<_> = said.split(' ').collect();
-    let at = words.iter().position(|word| *word == "MiB").unwrap();
-    words[at - 1].parse().unwrap()
+    let line = format!("render veach.glb {flags} --part 1/2 --threads 1 --memory-limit 1M -o no.exr");
+    said_to_need(&expect(folder, &line, 76))
 }
 
 /// A task's state and its merge's, as `farm status` tells them with Slurm's help.
@@ -468,9 +438,8 @@ fn states(slurm: &Slurm) -> [String; 2] {
     ["tasks", "merges"].map(|of| status[of][0]["state"].as_str().unwrap().to_owned())
 }
 
-fn a_task_out_of_memory_gets_more_or_is_held_and_its_merge_waits(_: &str) -> bool {
+fn a_task_out_of_memory_gets_more_or_is_held_and_its_merge_waits(slurm: &Slurm, _: &str) -> bool {
     let flags = "--size 960x640 --spp 2";
-    let slurm = Slurm::start();
     let folder = &slurm.work;
     let need = need(folder, flags);
     let log = || fs::read_to_string(folder.join("veach.farm/logs/task-1.log")).unwrap_or_default();
@@ -493,7 +462,7 @@ fn a_task_out_of_memory_gets_more_or_is_held_and_its_merge_waits(_: &str) -> boo
     fs::remove_dir_all(folder.join("veach.farm")).unwrap();
     let jobs = slurm.submit(folder, &line(need / 2));
     let [array, merge] = &jobs[..] else { panic!("{jobs:?}") };
-    slurm.wait("it is held", || states(&slurm) == ["held", "waiting"]);
+    slurm.wait("it is held", || states(slurm) == ["held", "waiting"]);
     assert!(log().contains("Slurm requeues it with") && log().contains("Slurm holds it"), "{}", log());
     for task in [1, 2].map(|number| format!("{array}_{number}")) {
         slurm.wait("it is held", || {
@@ -510,8 +479,7 @@ fn a_task_out_of_memory_gets_more_or_is_held_and_its_merge_waits(_: &str) -> boo
 }
 
 /// Was a task killed, as the system does it for want of memory, before it was finished?
-fn a_task_killed_for_want_of_memory_is_begun_again(flags: &str) -> bool {
-    let slurm = Slurm::start();
+fn a_task_killed_for_want_of_memory_is_begun_again(slurm: &Slurm, flags: &str) -> bool {
     let folder = &slurm.work;
     let part = folder.join("veach.farm/parts/veach.1-of-2.exr");
     let line = format!("veach.glb --parts 2 --memory 700M --retry-memory -- {flags} --checkpoint 0.5 -o out.exr");

@@ -6,25 +6,25 @@ use std::path::Path;
 use std::process::Command;
 
 use crate::helpers::glb;
-use crate::helpers::program::{Folder, bismar, expect, names, seal, stderr};
+use crate::helpers::program::{Folder, expect, names, run, says, seal, stderr};
 
 /// A folder with a scene of a triangle.
 fn folder() -> Folder {
-    Folder::new().with("scene-of-a-long-name-so-that-its-header-has-room-for-all-commands-of-this-test-that-are-put-in-its-place.glb", glb::triangle()).with("s.glb", glb::triangle())
+    Folder::new().with("s.glb", glb::triangle())
 }
 
-const RENDER: &str =
-    "-o golden.exr --size 12x9 --spp 2 --no-env --balance half --max-depth 3 --seed 7 --filter box --aov none";
+/// A pipe, which waits for whoever reads or writes it.
+fn pipe(path: &Path) {
+    assert!(Command::new("mkfifo").arg(path).status().unwrap().success());
+}
 
 /// A golden picture whose header has `command` in place of its own.
 fn golden(folder: &Path, command: &str) {
-    expect(
-        folder,
-        &format!(
-            "render scene-of-a-long-name-so-that-its-header-has-room-for-all-commands-of-this-test-that-are-put-in-its-place.glb {RENDER}"
-        ),
-        0,
-    );
+    // A name so long that its header has room for all commands that are put in its place.
+    let scene = format!("{}.glb", "s".repeat(104));
+    fs::write(folder.join(&scene), glb::triangle()).unwrap();
+    let flags = "--size 12x9 --spp 2 --no-env --balance half --max-depth 3 --seed 7 --filter box --aov none";
+    expect(folder, &format!("render {scene} -o golden.exr {flags}"), 0);
     let path = folder.join("golden.exr");
     let mut bytes = fs::read(&path).unwrap();
     let at = bytes.windows(10).position(|part| part == b"{\"scene\":\"").unwrap();
@@ -51,8 +51,7 @@ fn a_header_runs_nothing_writes_nothing_and_reads_nothing_outside() {
     golden(path, r#"{"scene":"s.glb","fields":{"no-such-flag":1}}"#);
     assert!(expect(path, "check golden.exr", 65).contains("no-such-flag"));
     // Paths and links that lead out of the folder.
-    let other = Folder::new();
-    fs::write(other.join("s.glb"), glb::triangle()).unwrap();
+    let other = folder();
     symlink(&other, path.join("out")).unwrap();
     for scene in [other.join("s.glb").to_str().unwrap(), "../s.glb", "out/s.glb"] {
         golden(path, &format!(r#"{{"scene":"{scene}","fields":{{"size":"12x9","spp":2}}}}"#));
@@ -77,26 +76,23 @@ fn a_header_runs_nothing_writes_nothing_and_reads_nothing_outside() {
 
 #[test]
 fn outputs_that_a_file_names_stay_in_its_folder_and_replace_nothing_of_others() {
-    let (path, other) = (&folder(), Folder::new());
+    let (path, other) = (&folder().with("notes.txt", "mine"), Folder::new().with("theirs", "theirs"));
     fs::create_dir(path.join("linked")).unwrap();
     symlink(&other, path.join("away")).unwrap();
-    fs::write(path.join("notes.txt"), "mine").unwrap();
-    fs::write(other.join("theirs"), "theirs").unwrap();
     symlink(other.join("theirs"), path.join("linked/stats.json")).unwrap();
-    let outside = other.join("stats.json").display().to_string();
+    let root = other.display();
+    let job = "[[job]]\nname = 'a'\nscene = 's.glb'\nsize = '8x8'\nspp = 1\n";
     for (line, why) in [
-        (format!("stats = '{outside}'"), "outside"),
+        (format!("stats = '{root}/stats.json'"), "outside"),
         ("stats = '../../up.json'".into(), "outside"),
         ("stats = 'notes.txt'".into(), "has not written"),
         ("stats = 'linked/stats.json'".into(), "link"),
         ("output = 'away/new/p.exr'".into(), "outside"),
     ] {
         let output = if line.starts_with("output") { String::new() } else { "output = 'p.exr'\n".into() };
-        let jobs = format!("[[job]]\nname = 'a'\nscene = 's.glb'\nsize = '8x8'\nspp = 1\n{output}{line}\n");
-        fs::write(path.join("jobs.toml"), jobs).unwrap();
+        fs::write(path.join("jobs.toml"), format!("{job}{output}{line}\n")).unwrap();
         let _ = fs::remove_file(path.join("p.exr"));
-        let ran = bismar(path).args(["batch", "jobs.toml"]).output().unwrap();
-        assert!(ran.status.code() == Some(73) && stderr(&ran).contains(why), "{line}: {}", stderr(&ran));
+        says(path, "batch jobs.toml", 73, why);
         if why != "has not written" {
             let said = expect(path, "farm submit jobs.toml --format plan", 73);
             assert!(said.contains(why) && !path.join("jobs.farm").exists(), "{line}: {said}");
@@ -105,10 +101,7 @@ fn outputs_that_a_file_names_stay_in_its_folder_and_replace_nothing_of_others() 
     assert_eq!((fs::read(path.join("notes.txt")).unwrap(), names(&other)), (b"mine".to_vec(), vec!["theirs".into()]));
     assert_eq!(fs::read(other.join("theirs")).unwrap(), b"theirs");
     // The command line names another folder, and what bismar has written is replaced.
-    let jobs =
-        format!("[[job]]\nname = 'a'\nscene = 's.glb'\nsize = '8x8'\nspp = 1\noutput = '{}/p.exr'\n", other.display());
-    fs::write(path.join("jobs.toml"), jobs).unwrap();
-    let root = other.display();
+    fs::write(path.join("jobs.toml"), format!("{job}output = '{root}/p.exr'\n")).unwrap();
     expect(path, &format!("batch jobs.toml --root {root}"), 0);
     fs::write(path.join("s.glb"), [glb::triangle(), vec![]].concat()).unwrap();
     expect(path, &format!("batch jobs.toml --root {root}"), 0);
@@ -147,7 +140,7 @@ fn what_a_command_derives_is_not_written_through_links_or_over_files_of_others()
     expect(path, turn, 0);
     // A view that waits for a reader is no picture.
     fs::remove_file(path.join("v.1.exr")).unwrap();
-    assert!(Command::new("mkfifo").arg(path.join("v.1.exr")).status().unwrap().success());
+    pipe(&path.join("v.1.exr"));
     assert!(expect(path, turn, 73).contains("link or a device"));
     // `-o` on the command line is the user's own word.
     fs::write(path.join("named.exr"), "mine").unwrap();
@@ -167,7 +160,7 @@ fn what_a_command_derives_is_not_written_through_links_or_over_files_of_others()
 fn names_that_wait_for_a_render_do_not_stop_it() {
     let path = &folder();
     for name in [".q.exr.lock.tmp", ".q.exr.AbCdEf.tmp"] {
-        assert!(Command::new("mkfifo").arg(path.join(name)).status().unwrap().success());
+        pipe(&path.join(name));
     }
     expect(path, "render s.glb --size 8x8 --spp 1 -o q.exr", 0);
     // As links they lead nowhere.
@@ -197,12 +190,11 @@ fn the_plan_of_another_farm_is_not_replaced() {
 
 #[test]
 fn what_lies_in_the_folder_of_a_farm_leads_nowhere_and_does_not_wait() {
-    let path = &folder();
+    let path = &folder().with("mine", "mine");
     let submit =
         |format: &str| format!("farm submit s.glb --parts 2 --format {format} --folder farm -- --size 40x40 --spp 1");
     let task = "farm task 1 --plan farm/farm.json";
     ["plan", "openjd", "plan", "openjd"].iter().for_each(|format| drop(expect(path, &submit(format), 0)));
-    fs::write(path.join("mine"), "mine").unwrap();
     fs::create_dir(path.join("away")).unwrap();
     for (name, lines) in [
         ("farm.json", vec![submit("plan"), submit("openjd")]),
@@ -222,23 +214,19 @@ fn what_lies_in_the_folder_of_a_farm_leads_nowhere_and_does_not_wait() {
             match (to, name) {
                 ("../away", "logs" | "parts") => symlink(to, &place).unwrap(),
                 (_, "logs" | "parts") => continue,
-                ("pipe", _) => assert!(Command::new("mkfifo").arg(&place).status().unwrap().success()),
+                ("pipe", _) => pipe(&place),
                 _ => symlink(to, &place).unwrap(),
             }
             lines.iter().for_each(|line| drop(expect(path, line, 73)));
-            let status = bismar(path).args(["farm", "status", "farm"]).output().unwrap();
-            assert!(
-                [Some(0), Some(65), Some(66), Some(74)].contains(&status.status.code()),
-                "{name}: {}",
-                stderr(&status)
-            );
+            let status = run(path, "farm status farm");
+            assert!(matches!(status.status.code(), Some(0 | 65 | 66 | 74)), "{name}: {}", stderr(&status));
             assert_eq!(fs::read(path.join("mine")).unwrap(), b"mine");
             assert!(!path.join("made").exists() && names(&path.join("away")).is_empty(), "{name} {to}");
         }
     }
     // A report of a batch neither.
     fs::write(path.join("jobs.toml"), "[[job]]\nscene = 's.glb'\nsize = '8x8'\nspp = 1\n").unwrap();
-    assert!(Command::new("mkfifo").arg(path.join("jobs-report.json")).status().unwrap().success());
+    pipe(&path.join("jobs-report.json"));
     expect(path, "batch jobs.toml", 73);
 }
 
@@ -264,9 +252,7 @@ fn the_pictures_of_a_folder_are_inputs_too() {
 
 #[test]
 fn a_text_of_a_file_begins_no_line_of_what_is_said() {
-    let folder = Folder::new();
     let scene = r#"{"asset": {"version": "2.0"}, "extensionsUsed": ["X\nopenjd_env: A=B"], "extensionsRequired": ["X\nopenjd_env: A=B"]}"#;
-    fs::write(folder.join("s.gltf"), scene).unwrap();
-    let said = expect(&folder, "render s.gltf --progress openjd", 65);
+    let said = expect(&Folder::new().with("s.gltf", scene), "render s.gltf --progress openjd", 65);
     assert!(said.contains("openjd_env: A=B") && said.lines().all(|line| !line.starts_with("openjd_env")), "{said}");
 }

@@ -1,7 +1,7 @@
 //! Brute-force ray tracing in double precision, with error bounds for single precision.
 
 use bismar::rays::{HitBatch, MISS, RayBatch};
-use bismar::scene::Scene;
+use bismar::scene::{Primitive, Scene};
 use glam::{DAffine3, DVec3};
 
 /// Rounding of one single-precision operation.
@@ -13,9 +13,7 @@ const ULP: f64 = f32::EPSILON as f64 / 2.0;
 const OPERATIONS: f64 = 40.0;
 
 struct Triangle {
-    instance: u32,
-    mesh: u32,
-    prim: u32,
+    primitive: Primitive,
     /// World to object.
     to_object: DAffine3,
     /// Largest growth of a rounding error through `to_object` and back.
@@ -55,8 +53,8 @@ impl Reference {
                 let data = &scene.meshes[mesh as usize];
                 for (prim, corners) in data.indices.iter().enumerate() {
                     let corners = corners.map(|v| DVec3::from(data.positions[v as usize].map(f64::from)));
-                    let (instance, prim) = (index as u32, prim as u32);
-                    triangles.push(Triangle { instance, mesh, prim, to_object, condition, corners });
+                    let primitive = Primitive { instance: index as u32, mesh, prim: prim as u32 };
+                    triangles.push(Triangle { primitive, to_object, condition, corners });
                 }
             }
         }
@@ -84,9 +82,7 @@ impl Reference {
                 if least >= -e && plane.t >= tnear - te && plane.t <= tfar + te {
                     possible.push(plane.t - te);
                 }
-                if (triangle.instance, triangle.mesh, triangle.prim)
-                    == (hits.instance[at], hits.mesh[at], hits.prim[at])
-                {
+                if triangle.primitive == hits.primitive(at) {
                     of_hit = Some((plane, least));
                 }
             }
