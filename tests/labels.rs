@@ -194,8 +194,7 @@ fn categories_are_those_of_the_nodes_extras_or_of_a_node_above() {
 #[test]
 fn names_outside_ascii_are_those_of_the_file() {
     let path = &Folder::new();
-    let nodes =
-        r#"[{"children":[1,2,3]},{"mesh":0,"name":"椅子.001"},{"mesh":0,"name":"Stühle","translation":[1,1,0],
+    let nodes = r#"[{"children":[1,2,3]},{"mesh":0,"name":"椅子.001"},{"mesh":0,"name":"Stühle","translation":[1,1,0],
         "extras":{"category":"Möbel"}},{"camera":0,"name":"Büro","translation":[0.5,0.5,4]}]"#;
     let more = r#","materials":[{"name":"Grün"}],"cameras":[{"name":"Büro","type":"orthographic",
         "orthographic":{"xmag":2,"ymag":2,"znear":0.1,"zfar":9}}]"#;

@@ -14,8 +14,8 @@ use bismar::film::exr_file;
 use bismar::rays::Backend;
 use bismar::render::checkpoint::{fits, pack, unpack};
 use bismar::render::{
-    Balance, Choice, CustomMethod, Part, RenderSettings, RenderStats, Rendered, RunOptions, Saved, StopReason,
-    Technique, run,
+    Balance, Choice, CustomMethod, Part, Pause, RenderSettings, RenderStats, Rendered, RunOptions, Saved, StopReason,
+    Technique, render, run,
 };
 
 use crate::helpers::program::{self, Folder, Running, assert_same_bits, bismar, bits, expect, names, paths, says};
@@ -131,6 +131,30 @@ fn a_method_of_another_crate_is_rendered_with_guiding_and_interrupted_as_ours_ar
     let name = serde_json::to_value(mine.balance).unwrap();
     assert_eq!(name, "mine");
     assert!(serde_json::from_value::<Balance>(name).unwrap_err().to_string().contains("no balance method `mine`"));
+}
+
+#[test]
+fn checkpoints_leave_no_trace_and_each_can_go_on() {
+    let stage = Stage::new(hall(), Backend::Embree);
+    let stop = AtomicBool::new(false);
+    // A pause that took long is followed by a long wait: on a busy machine it takes more paths to see a second one.
+    let at = |spp| {
+        let settings = RenderSettings { width: 50, height: 37, spp: Some(spp), ..RenderSettings::even() };
+        let whole = all_bits(&render(&stage.scene, &settings, &stop, &|_| ()).unwrap());
+        let mut saved = Vec::new();
+        let mut save = |r: &Rendered| saved.push((all_bits(r), r.stats));
+        let pauses = vec![Pause { seconds: 1e-3, at: &mut save }];
+        let job = RunOptions { pauses, ..RunOptions::new(&stop, &|_| ()) };
+        assert_eq!(all_bits(&run(&stage.scene, &settings, job).unwrap()), whole);
+        (settings, whole, saved)
+    };
+    let tried = [100, 400, 1600, 6400].into_iter().map(at).find(|(.., saved)| saved.len() > 1);
+    let (settings, whole, saved) = tried.expect("pauses");
+    for (bytes, stats) in saved.into_iter().step_by(2) {
+        let from = Some(Saved { tiles: unpack(&bytes).unwrap(), stats, goals: Vec::new() });
+        let job = RunOptions { from, ..RunOptions::new(&stop, &|_| ()) };
+        assert_eq!(all_bits(&run(&stage.scene, &settings, job).unwrap()), whole);
+    }
 }
 
 /// `scenes/cornell.glb` for about a second on one thread.

@@ -15,7 +15,11 @@ where
     P: Pixel<Subpixel = u8> + PixelWithColorType,
 {
     let mut bytes = Vec::new();
-    picture.write_with_encoder(PngEncoder::new_with_quality(&mut bytes, CompressionType::Best, FilterType::Adaptive))?;
+    picture.write_with_encoder(PngEncoder::new_with_quality(
+        &mut bytes,
+        CompressionType::Best,
+        FilterType::Adaptive,
+    ))?;
     Ok(bytes)
 }
 

@@ -67,9 +67,8 @@ impl Mosaic {
         let (x0, y0) = (tile % self.columns() * TILE, tile / self.columns() * TILE);
         let side = TILE.min(self.picture[0] - self.tiles[number][0] * TILE);
         let (x1, y1) = ((x0 + TILE).min(width), (y0 + TILE).min(height));
-        (y0..y1).flat_map(move |y| {
-            (x0..x1).map(move |x| ((y * width + x) as usize, ((y - y0) * side + x - x0) as usize))
-        })
+        (y0..y1)
+            .flat_map(move |y| (x0..x1).map(move |x| ((y * width + x) as usize, ((y - y0) * side + x - x0) as usize)))
     }
 
     /// Coordinates of a measured pixel in the picture.

@@ -112,9 +112,7 @@ impl<'a> Judge<'a> {
         match (a, b) {
             (None, None) => Class::Same,
             (Some(hit), None) | (None, Some(hit)) => match plane(hit) {
-                Some(plane) if plane.explains(&hit, &ray) => {
-                    self.lost(&plane, &ray, rays.key[i], &hit, Class::Miss)
-                }
+                Some(plane) if plane.explains(&hit, &ray) => self.lost(&plane, &ray, rays.key[i], &hit, Class::Miss),
                 plane => grazing_or_wrong(plane.as_ref()),
             },
             (Some(a), Some(b)) => {

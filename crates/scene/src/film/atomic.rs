@@ -9,11 +9,11 @@ use std::path::Path;
 
 use tempfile::NamedTempFile;
 
-use super::destination::{SUFFIX, cannot_create, is_confined, may_replace, target_of, temporary_prefix};
 pub use super::destination::{
     OF_A_PLAN, begin_command, check_below, check_folder, command, confine, create_folder, folder_of, named,
     open_guessable, place_of,
 };
+use super::destination::{SUFFIX, cannot_create, is_confined, may_replace, target_of, temporary_prefix};
 use super::lock;
 use crate::{Error, Result};
 

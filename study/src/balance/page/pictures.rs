@@ -37,9 +37,8 @@ pub(super) fn pictures(page: &mut Page, design: &Design, scene: &SceneResults, o
     let name = &outcome.row.estimator;
     let (whole, measured) = ([portrait.width, portrait.height], [design.width, design.height]);
     let ev = exposure(portrait.width, portrait.clean.picture(0));
-    let shares = |size, values: &[f32], caption: &str| {
-        map_figure(size, SHARE, values.iter().map(|&s| f64::from(s)), caption)
-    };
+    let shares =
+        |size, values: &[f32], caption: &str| map_figure(size, SHARE, values.iter().map(|&s| f64::from(s)), caption);
     let mut pieces = vec![
         picture_figure(
             "pic",

@@ -56,9 +56,11 @@ impl<'a> Json<'a> {
     }
 
     pub fn get(&self, key: &str) -> Result<Option<Json<'a>>> {
-        Ok(self
-            .typed(key, "an object", |v| v.is_object().then_some(v))?
-            .map(|value| Json { root: self.root, value, at: self.path(key) }))
+        Ok(self.typed(key, "an object", |v| v.is_object().then_some(v))?.map(|value| Json {
+            root: self.root,
+            value,
+            at: self.path(key),
+        }))
     }
 
     /// The elements of an array, given by its path from here; empty if absent.
