@@ -327,11 +327,11 @@ fn the_architecture_names_files_types_and_functions_that_exist() {
         None => vec![name.to_owned()],
     };
     let quoted: Vec<_> = text.lines().flat_map(|line| line.split('`').skip(1).step_by(2)).collect();
-    let files =
+    let named =
         quoted.iter().flat_map(|name| variants(name)).filter(|name| name.ends_with(".rs") || name.ends_with(".py"));
-    let files: Vec<_> = files.filter(|name| !name.contains("NAME")).collect();
-    let missing: Vec<_> = files.iter().filter(|name| !paths.iter().any(|path| path.ends_with(name))).collect();
-    assert!(files.len() > 40 && missing.is_empty(), "{} files, missing {missing:?}", files.len());
+    let named: Vec<_> = named.filter(|name| !name.contains("NAME")).collect();
+    let missing: Vec<_> = named.iter().filter(|name| !paths.iter().any(|path| path.ends_with(name))).collect();
+    assert!(named.len() > 40 && missing.is_empty(), "{} files, missing {missing:?}", named.len());
 
     let code: String = crates().flat_map(files).map(|(_, text)| text).collect();
     let words: BTreeSet<_> = code.split(|c: char| !(c.is_alphanumeric() || c == '_')).collect();

@@ -247,7 +247,10 @@ fn relative_variance(scene: Arc<Scene>, backend: Backend, settings: &RenderSetti
     (mean, error, variances[variances.len() / 2])
 }
 
-const LIGHTS: [(&str, fn(&mut Scene)); 5] = [
+/// A light by its name, and what adds it.
+type Light = (&'static str, fn(&mut Scene));
+
+const LIGHTS: [Light; 5] = [
     ("sun", |scene| {
         let direction = Vec3::new(-1.0, -0.7, 0.2).normalize();
         scene.lights.push(punctual(PunctualKind::Directional, 10.0, Vec3::ZERO, direction));

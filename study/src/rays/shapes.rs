@@ -17,8 +17,11 @@ pub struct Shape {
     triangles: u32,
 }
 
-/// Kinds of triangles in generated scenes, and what makes so many of them.
-const KINDS: [(&str, fn(u32) -> Triangles); 3] = [
+/// A kind of triangles by its name, and what makes so many of them.
+type Kind = (&'static str, fn(u32) -> Triangles);
+
+/// Kinds of triangles in generated scenes.
+const KINDS: [Kind; 3] = [
     // A bumpy ball on a ground: small, well-shaped triangles that touch.
     ("sphere", sphere),
     // Needles a thousand times as long as wide, through one another in all directions.
