@@ -20,7 +20,7 @@ TITLES = {"bismar": "Bismar", "mitsuba": "Mitsuba 3", "cycles": "Cycles"}
 
 def options():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--scenes", default=",".join(scenes.SCENES), help="which, separated by commas [%(default)s]")
+    parser.add_argument("--scenes", default=",".join(scenes.SCENES), help="names and .glb files, separated by commas [%(default)s]")
     parser.add_argument("--peers", default=",".join(PEERS), help="[%(default)s]")
     parser.add_argument("--spp", default="16,64,256", help="samples a pixel; the table shows the middle one [%(default)s]")
     parser.add_argument("--runs", type=int, default=5, help="renders of each, in turn [%(default)s]")
@@ -41,19 +41,24 @@ def options():
     installed = [peer for peer in out.peers if (out.work / peer / "bin/python").exists()]
     for peer in set(out.peers) - set(installed):
         print(f"{peer} is not installed in {out.work}: left out")
-    out.peers = installed
+    out.peers, out.denoise = installed, False
     return out
 
 
-def measure(opt, scene):
-    """One row a render: every renderer takes its turn in every round."""
+def references(opt, scene):
+    """The converged picture that each renderer is measured against."""
     # GGX is masked otherwise by each: with rough metal a renderer is measured against its own converged picture.
-    own = {"bismar", *opt.peers} if scene in ("veach", "blob") else set()
+    own = {"bismar", *opt.peers} if scene in ("veach", "blob") or scene not in scenes.SCENES else set()
     # Where light comes by few ways, peers take too long to converge; --agreement tells whether all show the same.
     common = "bismar" if scene in INTERIORS else "mitsuba"
     of = {name: name if name in own else common for name in ["bismar", *opt.peers]}
     converged = {name: renderers.Converged(name, opt, scene) for name in sorted(set(of.values()))}
-    reference = {name: converged[of[name]] for name in of}
+    return {name: converged[of[name]] for name in of}
+
+
+def measure(opt, scene):
+    """One row a render: every renderer takes its turn in every round."""
+    reference = references(opt, scene)
     running = {name: renderers.start(name, opt, scene) for name in ["bismar", *opt.peers]}
     rows = []
     for spp in opt.spp:
@@ -153,7 +158,7 @@ def insert(path, mark, text):
 
 def main():
     opt = options()
-    scenes.write_all(opt.work / "scenes", opt.scenes)
+    opt.scenes = scenes.write_all(opt.work / "scenes", opt.scenes)
     if opt.agreement:
         text = agreement(opt)
         if not opt.quick:

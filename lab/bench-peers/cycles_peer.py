@@ -1,4 +1,4 @@
-"""Blender Cycles as a peer, through Blender's own glTF importer. `cycles_peer.py '{"folder": DIR, "scene": NAME, "size": N, "depth": N}'`
+"""Blender Cycles as a peer, through Blender's own glTF importer. `cycles_peer.py '{"folder": DIR, "scene": NAME, "size": N, "depth": N, "denoise": false}'`
 
 Prints {"setup": seconds}, then for each line `SPP SEED FILE.npy` on standard input renders and prints what that took.
 """
@@ -16,9 +16,9 @@ os.dup2(2, 1)
 
 import bpy
 import numpy as np
+import scenes
 
 ARGS = json.loads(sys.argv[1])
-SKIES = ("blob", "field400")
 GUIDED = ("slit", "ajar")
 
 
@@ -41,7 +41,7 @@ def shade(material):
         back = tree.nodes.new("ShaderNodeNewGeometry").outputs["Backfacing"]
         front = math(tree, "SUBTRACT", 1.0, back)
         tree.links.new(math(tree, "MULTIPLY", strength, front), shader.inputs["Strength"])
-    elif socket["Metallic"].default_value > 0.5:
+    elif ARGS["scene"] not in scenes.SCENES or socket["Metallic"].default_value > 0.5:
         shader = principled
         shader.distribution = "GGX"
     else:
@@ -66,7 +66,7 @@ def light_from_sky(scene, sky):
     tree = world.node_tree
     background = tree.nodes["Background"]
     background.inputs[0].default_value = (0, 0, 0, 1)
-    if sky:
+    if os.path.exists(sky):
         node = tree.nodes.new("ShaderNodeTexEnvironment")
         node.image = bpy.data.images.load(sky)
         node.image.colorspace_settings.name = "Linear Rec.709"
@@ -81,14 +81,15 @@ def load():
     scene.camera = next(o for o in scene.objects if o.type == "CAMERA")
     for material in bpy.data.materials:
         shade(material)
-    light_from_sky(scene, f"{folder}/sky.hdr" if name in SKIES else None)
+    light_from_sky(scene, f"{folder}/{name}.hdr")
     render, cycles = scene.render, scene.cycles
     render.engine = "CYCLES"
     render.resolution_x = render.resolution_y = ARGS["size"]
     render.resolution_percentage = 100
     render.use_persistent_data = True
     cycles.device = "CPU"
-    cycles.use_adaptive_sampling = cycles.use_denoising = False
+    cycles.use_adaptive_sampling = False
+    cycles.use_denoising, cycles.denoiser = ARGS["denoise"], "OPENIMAGEDENOISE"
     cycles.sample_clamp_direct = cycles.sample_clamp_indirect = cycles.blur_glossy = 0
     # Its bounces leave out the segments from the camera and to the light.
     cycles.max_bounces = cycles.diffuse_bounces = cycles.glossy_bounces = ARGS["depth"] - 2

@@ -1,4 +1,4 @@
-"""Mitsuba 3 as a peer. `mitsuba_peer.py '{"scene": NAME, "size": N, "depth": N, "roulette": N, "flatten": false}'`
+"""Mitsuba 3 as a peer. `mitsuba_peer.py '{"folder": DIR, "scene": NAME, "size": N, "depth": N, "roulette": N, "flatten": false}'`
 
 Prints {"setup": seconds}, then for each line `SPP SEED FILE.npy` on standard input renders and prints what that took.
 """
@@ -8,8 +8,10 @@ import os
 import resource
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
+import public
 import scenes
 
 import mitsuba as mi
@@ -71,12 +73,15 @@ def sky():
 
 
 def load():
-    scene = scenes.SCENES[ARGS["scene"]]()
-    size = ARGS["size"]
+    name, size = ARGS["scene"], ARGS["size"]
+    integrator = {"type": "path", "max_depth": ARGS["depth"], "rr_depth": ARGS["roulette"]}
+    if name not in scenes.SCENES:
+        return mi.load_dict(public.load(Path(ARGS["folder"], f"{name}.glb"), size) | {"integrator": integrator})
+    scene = scenes.SCENES[name]()
     film = {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}, "pixel_format": "rgb"}
     out = {
         "type": "scene",
-        "integrator": {"type": "path", "max_depth": ARGS["depth"], "rr_depth": ARGS["roulette"]},
+        "integrator": integrator,
         "sensor": {
             "type": "perspective",
             "fov": float(np.degrees(scene.yfov)),

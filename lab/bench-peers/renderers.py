@@ -15,19 +15,19 @@ import mitsuba as mi
 mi.set_variant("scalar_rgb")
 HERE = Path(__file__).parent
 PICTURE = f"/dev/shm/bench-peers-{os.getpid()}"
-SKIES = ("blob", "field400")
 
 
 class Bismar:
     """One process a render. Seconds are those of its passes; CPU seconds leave out what a render of one sample takes."""
 
-    def __init__(self, options, scene):
-        self.command = [options.bismar, "render", str(options.work / "scenes" / f"{scene}.glb"), "-q", "--energy-compensation", "off"]
+    def __init__(self, options, scene, flags=()):
+        file = options.work / "scenes" / f"{scene}.glb"
+        self.command = [options.bismar, "render", str(file), "-q", "--energy-compensation", "off"]
         self.command += ["--size", f"{options.size}x{options.size}", "--max-depth", str(options.depth)]
         self.command += ["--filter", "box", "-o", f"{PICTURE}.exr", "--stats", f"{PICTURE}.json"]
-        if scene in SKIES:
-            self.command += ["--env", str(options.work / "scenes" / "sky.hdr")]
-        self.command += options.bismar_flags.split()
+        if file.with_suffix(".hdr").exists():
+            self.command += ["--env", str(file.with_suffix(".hdr"))]
+        self.command += [*options.bismar_flags.split(), *flags, *["--denoise", "oidn"][: 2 * options.denoise]]
         self.setup, self.fixed_cpu = None, 0.0
         self.fixed_cpu = min(self.render(1, seed)[1]["cpu"] for seed in range(2))
 
@@ -42,8 +42,8 @@ class Bismar:
             "cpu": after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime - self.fixed_cpu,
             "peak_mib": stats["peak_memory_bytes"] >> 20,
         }
-        channels = mi.Bitmap(f"{PICTURE}.exr").split()
-        image = np.array(next(part for name, part in channels if name in ("", "<root>")), np.float32)[..., :3]
+        layers = dict(mi.Bitmap(f"{PICTURE}.exr").split())
+        image = np.array(next(layers[name] for name in ("denoised", "", "<root>") if name in layers), np.float32)[..., :3]
         os.remove(f"{PICTURE}.exr")
         os.remove(f"{PICTURE}.json")
         return image, took
@@ -87,7 +87,7 @@ class Worker:
 
 def start(name, options, scene):
     """The renderer `name` with a scene loaded."""
-    common = {"scene": scene, "size": options.size, "depth": options.depth}
+    common = {"scene": scene, "folder": str(options.work / "scenes"), "size": options.size, "depth": options.depth}
     if name == "bismar":
         return Bismar(options, scene)
     python = options.work / name / "bin/python"
@@ -95,7 +95,7 @@ def start(name, options, scene):
         llvm = os.environ.get("DRJIT_LIBLLVM_PATH") or next(iter(glob.glob(f"{options.work}/llvm/usr/lib/*/libLLVM.so.19*")))
         arguments = common | {"roulette": options.peer_roulette, "flatten": False}
         return Worker(python, "mitsuba_peer.py", arguments, {"DRJIT_LIBLLVM_PATH": llvm})
-    return Worker(python, "cycles_peer.py", common | {"folder": str(options.work / "scenes")}, {})
+    return Worker(python, "cycles_peer.py", common | {"denoise": options.denoise}, {})
 
 
 def rel_mse(image, reference):

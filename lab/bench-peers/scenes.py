@@ -1,4 +1,4 @@
-"""The scenes that Bismar and its peers render side by side. `python scenes.py DIR [NAME...]` writes DIR/NAME.glb, sky.hdr.
+"""The scenes that Bismar and its peers render side by side. `python scenes.py DIR [NAME...]` writes DIR/NAME.glb, and its sky as DIR/NAME.hdr.
 
 Every material is pure Lambert (KHR_materials_specular at 0) or pure metal (GGX, alpha = roughness squared, Schlick's
 Fresnel with F0 = base colour), triangles are flat and lamps shine from their front alone, so that every renderer can be
@@ -353,19 +353,28 @@ def sky_bytes(width=512, height=256):
 
 
 def sky():
-    """What a reader of sky.hdr sees: (height, width, 3), texel centres at half-integers."""
+    """What a reader of a sky's file sees: (height, width, 3), texel centres at half-integers."""
     rgbe = sky_bytes().astype(np.float32)
     return (rgbe[..., :3] * 2.0 ** (rgbe[..., 3:] - 136)).astype(np.float32)
 
 
 def write_all(folder, names):
+    """Writes scenes, or copies those of others, named by their .glb, with the .hdr beside them. Returns their names."""
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    for name in names:
-        SCENES[name]().write(folder / f"{name}.glb")
-    rgbe = sky_bytes()
-    header = f"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {rgbe.shape[0]} +X {rgbe.shape[1]}\n"
-    (folder / "sky.hdr").write_bytes(header.encode() + rgbe.tobytes())
+    for name in map(Path, names):
+        target = folder / f"{name.stem}.glb"
+        if name.suffix:
+            for file in filter(Path.exists, (name, name.with_suffix(".hdr"))):
+                (folder / file.name).write_bytes(file.read_bytes())
+            continue
+        scene = SCENES[name.name]()
+        scene.write(target)
+        if scene.sky:
+            rgbe = sky_bytes()
+            header = f"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {rgbe.shape[0]} +X {rgbe.shape[1]}\n"
+            target.with_suffix(".hdr").write_bytes(header.encode() + rgbe.tobytes())
+    return [Path(name).stem for name in names]
 
 
 if __name__ == "__main__":

@@ -74,7 +74,13 @@ pub(super) fn check_ending(flag: &str, path: &Path, endings: &[&str]) -> Result<
         }
         _ => String::new(),
     };
-    Err(Error::Usage(format!("{flag} {}: the name must end in .{}{hint}", path.display(), endings.join(" or ."))))
+    // .png, .jpg or .webp
+    let shown: Vec<_> = endings.iter().filter(|ending| **ending != "jpeg").copied().collect();
+    let mut list = shown.join(", .");
+    if let Some(last) = list.rfind(", ") {
+        list.replace_range(last..last + 2, " or ");
+    }
+    Err(Error::Usage(format!("{flag} {}: the name must end in .{list}{hint}", path.display())))
 }
 
 /// Implements [`FlagValue`] for types with a list `ALL` and a `name`.
