@@ -65,9 +65,7 @@ def measure(opt, scene):
         for run in range(opt.runs):
             for name, renderer in running.items():
                 image, took = renderer.render(spp, run + 1)
-                truth = reference[name]
-                # What the reference is off itself is in the difference, and known.
-                error = max(renderers.rel_mse(image, truth.mean) - truth.noise, 0.0)
+                error = reference[name].error(image)
                 paths = opt.size**2 * spp / took["seconds"]
                 rows.append({
                     "scene": scene, "renderer": name, "spp": spp, "run": run, "seconds": took["seconds"],

@@ -40,8 +40,7 @@ def measure(opt, scene, out):
             for way, renderer in ways.items():
                 image, took = renderer.render(spp, run + 1)
                 reference = truth["bismar" if way in WAYS else way]
-                error = max(renderers.rel_mse(image, reference.mean) - reference.noise, 0.0)
-                results[way].append((error, flip(opt.bismar, image, reference.mean), took["cpu"]))
+                results[way].append((reference.error(image), flip(opt.bismar, image, reference.mean), took["cpu"]))
         for way, values in results.items():
             out.writerow([scene, spp, way, *(f"{value:.4g}" for value in np.median(values, axis=0))])
         sys.stdout.flush()
@@ -59,4 +58,5 @@ def main():
         measure(opt, scene, out)
 
 
-main()
+if __name__ == "__main__":
+    main()

@@ -11,8 +11,9 @@ import time
 from pathlib import Path
 
 import numpy as np
-import public
+import mitsuba_scene
 import scenes
+from mitsuba_scene import rgb
 
 import mitsuba as mi
 
@@ -21,31 +22,17 @@ START = time.perf_counter()
 mi.set_variant("llvm_ad_rgb")
 
 
-def rgb(value):
-    return {"type": "rgb", "value": [float(x) for x in value]}
-
-
 def bsdf(material):
     if material.metallic:
         # Schlick's Fresnel as ours, but separable Smith masking, where ours is height-correlated.
         inner = {"type": "principled", "base_color": rgb(material.color), "metallic": 1.0, "roughness": material.roughness}
     else:
         inner = {"type": "diffuse", "reflectance": rgb(material.color)}
-    return mi.load_dict({"type": "twosided", "nested": inner})
+    return {"type": "twosided", "nested": inner}
 
 
 def mesh(vertices, triangles, material):
-    properties = mi.Properties()
-    properties["bsdf"] = bsdf(material)
-    properties["face_normals"] = True
-    if material.emission is not None:
-        properties["emitter"] = mi.load_dict({"type": "area", "radiance": rgb(material.emission)})
-    out = mi.Mesh("mesh", len(vertices), len(triangles), props=properties)
-    values = mi.traverse(out)
-    values["vertex_positions"] = np.ascontiguousarray(vertices, np.float32).ravel()
-    values["faces"] = np.ascontiguousarray(triangles, np.uint32).ravel()
-    values.update()
-    return out
+    return mitsuba_scene.mesh(vertices, triangles, bsdf(material), material.emission)
 
 
 def placed(name, shape):
@@ -72,31 +59,34 @@ def sky():
     return {"type": "envmap", "bitmap": mi.Bitmap(theirs.astype(np.float32)), "to_world": to_world}
 
 
+def generated(scene):
+    """What mitsuba_scene.load returns of a file."""
+    out = {}
+    for index, shape in enumerate(scene.meshes):
+        name = f"mesh{index}"
+        out |= placed(name, shape) if shape.places else {name: mesh(shape.vertices, shape.triangles, shape.material)}
+    return scene.yfov, scene.camera(), out | ({"sky": sky()} if scene.sky else {})
+
+
 def load():
     name, size = ARGS["scene"], ARGS["size"]
-    integrator = {"type": "path", "max_depth": ARGS["depth"], "rr_depth": ARGS["roulette"]}
-    if name not in scenes.SCENES:
-        return mi.load_dict(public.load(Path(ARGS["folder"], f"{name}.glb"), size) | {"integrator": integrator})
-    scene = scenes.SCENES[name]()
+    own = scenes.SCENES.get(name)
+    yfov, camera, content = generated(own()) if own else mitsuba_scene.load(Path(ARGS["folder"], f"{name}.glb"))
     film = {"type": "hdrfilm", "width": size, "height": size, "rfilter": {"type": "box"}, "pixel_format": "rgb"}
     out = {
         "type": "scene",
-        "integrator": integrator,
+        "integrator": {"type": "path", "max_depth": ARGS["depth"], "rr_depth": ARGS["roulette"]},
         "sensor": {
             "type": "perspective",
-            "fov": float(np.degrees(scene.yfov)),
+            "fov": float(np.degrees(yfov)),
             "fov_axis": "y",
-            "to_world": mi.ScalarTransform4f().look_at(scene.eye, scene.at, [0, 1, 0]),
+            # Mitsuba's camera looks along +z, glTF's along -z.
+            "to_world": mi.ScalarTransform4f(camera @ np.diag([-1.0, 1.0, -1.0, 1.0])),
             "film": film,
             "sampler": {"type": "independent"},
         },
     }
-    for index, shape in enumerate(scene.meshes):
-        name = f"mesh{index}"
-        out |= placed(name, shape) if shape.places else {name: mesh(shape.vertices, shape.triangles, shape.material)}
-    if scene.sky:
-        out["sky"] = sky()
-    return mi.load_dict(out)
+    return mi.load_dict(out | content)
 
 
 scene = load()

@@ -116,6 +116,10 @@ class Converged:
         self.spp = options.reference_spp
         self.noise = float(np.mean(self.variance / (self.mean**2 + 0.01)))
 
+    def error(self, image):
+        """relMSE; what this picture is off itself is in the difference, and known."""
+        return max(rel_mse(image, self.mean) - self.noise, 0.0)
+
     def make(self, path, name, options, scene):
         path.parent.mkdir(parents=True, exist_ok=True)
         print(f"{scene}: converged picture by {name}, {options.reference_spp} spp", flush=True)
