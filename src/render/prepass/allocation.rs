@@ -22,7 +22,7 @@ use super::super::techniques::{Choice, MIN_AUTO_PATHS, Technique};
 use super::super::tile::{TILE, Tile};
 use super::effort::{
     self, ALLOCATION_PIXELS, ALLOCATION_PIXELS_PER_TILE, CAMERA_RAY_COST, FIRST_ALLOCATION_PIXELS_PER_TILE,
-    MAX_REMAINING_ALLOCATED, MAX_REMAINING_BY_EMISSION_RAYS, MAX_REMAINING_PROMISING,
+    MAX_REMAINING_ALLOCATED, MAX_REMAINING_ALLOCATED_BY_FEW, MAX_REMAINING_BY_EMISSION_RAYS,
 };
 use super::rounds::Decided;
 use super::visible_emission::VisibleEmission;
@@ -147,7 +147,7 @@ impl Allocation {
         let [few, more] = PATHS_PER_SCRAMBLE;
         let (found, by_counts) = of(step(FIRST_ALLOCATION_PIXELS_PER_TILE, few)?);
         debug!("the first step of the allocation leaves {by_counts:.3}");
-        if settings.techniques[Technique::Adaptive] == Choice::Auto && by_counts > MAX_REMAINING_PROMISING {
+        if settings.techniques[Technique::Adaptive] == Choice::Auto && by_counts > MAX_REMAINING_ALLOCATED_BY_FEW {
             return Some(found);
         }
         Some(of(step(pixels_per_tile(settings), more)?).0)
@@ -230,7 +230,9 @@ fn survey(
     for (i, (a, b)) in a.iter().zip(&b).enumerate() {
         let emitted = visible.map_or(0.0, |visible| visible.at([tasks[i].x, tasks[i].y]).mean);
         let found = 0.5 * (*a + *b);
-        let of = |c: usize| f64::from(a[c] - b[c]).powi(2) / (2.0 * relative_to(f64::from(found[c]) + emitted));
+        // A rare bright path raises the pixel's own mean too, which hides its variance; the tile's alone hides dark pixels.
+        let divisor = |mean: f32| relative_to(f64::from(mean) + emitted).sqrt();
+        let of = |c: usize| f64::from(a[c] - b[c]).powi(2) / (2.0 * divisor(found[c]) * divisor(found[c].min(mean[c])));
         let own = f64::from(paths) * (of(0) + of(1) + of(2)) / 3.0;
         variance[i % FOLDS] += if own.is_finite() { own } else { 0.0 };
     }
