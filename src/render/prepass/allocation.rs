@@ -153,11 +153,11 @@ impl Allocation {
         Some(of(step(pixels_per_tile(settings), more)?).0)
     }
 
-    /// Paths per pixel of a tile, where the mean over all tiles is `mean`.
+    /// Paths per pixel of a tile, where the mean over all tiles is at most `mean`.
     pub fn paths(&self, tile: &Tile, mean: u32) -> u32 {
         let [column, row] = tile.grid_position();
         let own = f64::from(mean) * f64::exp2(f64::from(self.doublings[(row * self.columns + column) as usize]));
-        if mean < MIN_AUTO_PATHS { mean } else { own.round() as u32 }
+        if mean < MIN_AUTO_PATHS { mean } else { own as u32 }
     }
 
     /// Paths per pixel of the next pass of a tile, where `settings` have a goal; `None` if the tile has reached its own.
@@ -190,12 +190,12 @@ impl Allocation {
     }
 }
 
-/// Sampled pixels of a whole tile in the second step.
+/// Sampled pixels of a whole tile in the second step. They do not follow the number of paths: a picture that goes on to more of
+/// them keeps its allocation.
 fn pixels_per_tile(settings: &RenderSettings) -> usize {
     let tiles = settings.width.div_ceil(TILE) as usize * settings.height.div_ceil(TILE) as usize;
     let [least, most] = ALLOCATION_PIXELS_PER_TILE;
-    let [fewest, many] = ALLOCATION_PIXELS.map(|pixels| (pixels / tiles).clamp(least, most));
-    settings.spp.map_or(many, |spp| many.min(spp as usize).max(fewest))
+    (ALLOCATION_PIXELS / tiles).clamp(least, most)
 }
 
 /// Traces some of the pixels of a tile's pre-pass, of which there are at most as many as half of its pixels.

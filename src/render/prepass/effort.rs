@@ -20,9 +20,9 @@ pub fn guiding_pixels(picture_pixels: f64) -> f64 {
     (picture_pixels / 16.0).max(8192.0)
 }
 
-/// Minimum and maximum pixels of a picture in the second step of the allocation's pre-pass, within those of a tile. It
-/// takes at most a sixteenth of the paths, but of pictures of less than 64 tiles.
-pub const ALLOCATION_PIXELS: [usize; 2] = [1 << 10, 1 << 13];
+/// Pixels of a picture in the second step of the allocation's pre-pass, within the minimum and maximum of a tile. They take
+/// as many paths as one for every pixel of a picture of 512 tiles or more, and four in small ones.
+pub const ALLOCATION_PIXELS: usize = 1 << 13;
 /// Minimum and maximum pixels of a tile in that step.
 pub const ALLOCATION_PIXELS_PER_TILE: [usize; 2] = [16, 64];
 /// Sampled pixels of a tile in the allocation's first step. With `auto` there is a second step only where the first is promising
