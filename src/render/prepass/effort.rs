@@ -21,10 +21,10 @@ pub fn guiding_pixels(picture_pixels: f64) -> f64 {
 }
 
 /// Pixels of a picture in the second step of the allocation's pre-pass, within the minimum and maximum of a tile. They take
-/// as many paths as one for every pixel of a picture of 512 tiles or more, and four in small ones.
+/// as many paths as one or two for every pixel of the picture.
 pub const ALLOCATION_PIXELS: usize = 1 << 13;
 /// Minimum and maximum pixels of a tile in that step.
-pub const ALLOCATION_PIXELS_PER_TILE: [usize; 2] = [16, 64];
+pub const ALLOCATION_PIXELS_PER_TILE: [usize; 2] = [16, 32];
 /// Sampled pixels of a tile in the allocation's first step. With `auto` there is a second step only where the first is promising
 /// ([`MAX_REMAINING_ALLOCATED_BY_FEW`]).
 pub const FIRST_ALLOCATION_PIXELS_PER_TILE: usize = 12;
