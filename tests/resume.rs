@@ -200,7 +200,7 @@ fn two_hundred_kills_at_any_moment_lose_nothing_that_was_saved() {
             assert_eq!(saved, None);
         }
         if !alive {
-            assert!(said.contains("192 spp"), "it ended by itself:\n{said}");
+            assert!(said.contains("killed.exr: 192.0 spp"), "it ended by itself:\n{said}");
             assert_same_bits(&whole, &killed);
             fs::remove_file(&killed).unwrap();
             most_saved = 0;
