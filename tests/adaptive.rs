@@ -174,7 +174,7 @@ fn few_paths_and_black_pictures_are_as_ever_and_time_stops_it_too() {
     // Against the clock, with a goal that comes first and with none.
     let goal = stage.render(&RenderSettings { time: Some(1e9), ..settings() });
     assert!(goal.stop == StopReason::Samples && (0.93..=1.0).contains(&paths(&goal, 32)), "{}", goal.stats.paths);
-    let timed = stage.render(&RenderSettings { time: Some(0.5), spp: None, ..settings() });
+    let timed = stage.render(&RenderSettings { time: Some(2.0), spp: None, ..settings() });
     assert!(timed.stop == StopReason::Time && timed.paths_range().0 > 0, "{:?}", timed.stop);
     let enough = AtomicBool::new(false);
     let progress = |at: Progress| _ = enough.fetch_or(at.mean_spp > 64.0, Ordering::Relaxed);

@@ -190,8 +190,8 @@ impl Allocation {
     }
 }
 
-/// Sampled pixels of a whole tile in the second step. They do not follow the number of paths: a picture that goes on to more of
-/// them keeps its allocation.
+/// Sampled pixels of a whole tile in the second step. They do not follow the number of paths: an unguided picture that goes on to
+/// more of them keeps its allocation.
 fn pixels_per_tile(settings: &RenderSettings) -> usize {
     let tiles = settings.width.div_ceil(TILE) as usize * settings.height.div_ceil(TILE) as usize;
     let [least, most] = ALLOCATION_PIXELS_PER_TILE;
