@@ -8,7 +8,7 @@ pub mod picture;
 pub mod table;
 
 pub use axis::{Axis, Scale};
-pub use chart::{Chart, Series};
+pub use chart::{COLORS, Chart, Series};
 pub use dots::{Dot, dot_plot};
 pub use page::{Figure, Page};
 pub use picture::ColorScale;
@@ -38,12 +38,14 @@ pub fn number(x: f64) -> String {
     text.replacen('-', "−", 1).replace("e-", "e−")
 }
 
-/// A number with its standard error, both to the error's second digit, three decimals at most.
+/// A number with its standard error, both to the error's second digit; three decimals at most, five below 0.1.
 pub fn with_error(x: f64, error: f64) -> String {
-    if !x.is_finite() || !error.is_finite() || error >= 1e4 {
+    let size = x.abs().max(error);
+    if !x.is_finite() || !error.is_finite() || error >= 1e4 || (size > 0.0 && size < 1e-3) {
         return format!("{} ± {}", number(x), number(error));
     }
-    let decimals = if error > 0.0 { (1 - error.log10().floor() as i32).clamp(0, 3) as usize } else { 3 };
+    let most = if size < 0.1 && error > 0.0 { 5 } else { 3 };
+    let decimals = if error > 0.0 { (1 - error.log10().floor() as i32).clamp(0, most) as usize } else { 3 };
     format!("{x:.decimals$} ± {error:.decimals$}")
 }
 
@@ -68,5 +70,8 @@ mod tests {
         assert_eq!(with_error(1.0, 0.0), "1.000 ± 0.000");
         assert_eq!(with_error(123.4, 45.0), "123 ± 45");
         assert_eq!(with_error(1.0, 3e9), "1.00 ± 3.00e9");
+        assert_eq!(with_error(0.0021, 0.0001), "0.00210 ± 0.00010");
+        assert_eq!(with_error(8.3e-6, 1e-7), "8.30e−6 ± 1.00e−7");
+        assert_eq!(with_error(1e-5, 0.5), "0.00 ± 0.50");
     }
 }

@@ -4,9 +4,9 @@ use maud::Markup;
 
 use crate::rays::measure::CONTROL;
 use crate::rays::table::{BASELINE, Build, Picture, Results, Trace, distinct, scenes};
-use crate::report::{Chart, Dot, Figure, Scale, Series, dot_plot};
+use crate::report::{COLORS, Chart, Dot, Figure, Scale, Series, dot_plot};
 
-/// Shown in charts, as many as there are colours, each with its own.
+/// Those that charts show first, each with its own colour; others take the colours that these leave.
 const SHOWN: [(&str, usize); 8] = [
     ("embree", 0),
     ("embree+high", 1),
@@ -17,6 +17,17 @@ const SHOWN: [(&str, usize); 8] = [
     ("obvhs+very-slow", 4),
     ("obvhs+bvh2", 7),
 ];
+
+/// The contenders that charts show, with their colours: as many as there are colours.
+fn shown(results: &Results) -> Vec<(&str, usize)> {
+    let there = distinct(results.builds.iter().map(|b| b.backend.as_str()));
+    let mut shown = SHOWN.into_iter().filter(|(name, _)| there.contains(name)).collect::<Vec<_>>();
+    let free = (1..COLORS).filter(|color| shown.iter().all(|(_, used)| used != color)).collect::<Vec<_>>();
+    let others = there.into_iter().filter(|name| *name != CONTROL && SHOWN.iter().all(|(known, _)| known != name));
+    shown.extend(others.zip(free));
+    shown
+}
+
 /// The stream that stands for all in charts.
 const STREAM: &str = "diffuse";
 
@@ -25,10 +36,11 @@ const STREAM: &str = "diffuse";
 pub(super) fn picture(results: &Results, scene: &str) -> Markup {
     let rows = results.pictures.iter().filter(|p| p.scene == scene).collect::<Vec<_>>();
     let base = rows.iter().find(|r| r.backend == CONTROL);
+    let shown = shown(results);
     let seconds = |r: &Picture, spp: f64| r.build_cpu_seconds + spp * r.cpu_seconds_per_spp;
     let line = |r: &&Picture| {
         let name = if r.backend == CONTROL { BASELINE } else { &r.backend };
-        let color = SHOWN.iter().find(|(shown, _)| *shown == name)?.1;
+        let color = shown.iter().find(|(shown, _)| *shown == name)?.1;
         let at = |spp: f64| Some((spp, seconds(r, spp) / seconds(base?, spp)));
         let points = (0..=10).filter_map(|i| at(f64::from(1 << i))).collect();
         Some(Series { name: name.to_owned(), points, errors: Vec::new(), color })
@@ -43,9 +55,8 @@ pub(super) fn picture(results: &Results, scene: &str) -> Markup {
 
 pub(super) fn overview(results: &Results) -> Option<Markup> {
     let scenes = scenes(results);
-    let there = |name: &str| results.traces.iter().any(|t| t.backend == name);
     let mut kinds = vec![(CONTROL, 0)];
-    kinds.extend(SHOWN.into_iter().skip(1).filter(|(name, _)| there(name)));
+    kinds.extend(shown(results).into_iter().filter(|(name, _)| *name != BASELINE));
     let dots = |(scene, _): &(&str, u64)| {
         let of = |(kind, (name, _)): (usize, &(&str, usize))| {
             let own = |t: &&Trace| t.scene == *scene && t.stream == STREAM && t.backend == *name;
@@ -69,7 +80,7 @@ pub(super) fn overview(results: &Results) -> Option<Markup> {
 
 /// Build and trace over the number of triangles, for each kind of generated scene.
 pub(super) fn costs(results: &Results) -> Vec<Figure> {
-    let mut charts = Vec::new();
+    let (mut charts, shown) = (Vec::new(), shown(results));
     for shape in distinct(results.builds.iter().filter_map(|b| b.shape.as_deref())) {
         let lines = |of: &dyn Fn(&str) -> Vec<(f64, f64)>| {
             let line = |&(name, color): &(&str, usize)| {
@@ -77,7 +88,7 @@ pub(super) fn costs(results: &Results) -> Vec<Figure> {
                 points.sort_by(|a, b| a.0.total_cmp(&b.0));
                 Series { name: name.to_owned(), points, errors: Vec::new(), color }
             };
-            SHOWN.iter().map(line).filter(|s| s.points.len() > 1).collect::<Vec<_>>()
+            shown.iter().map(line).filter(|s| s.points.len() > 1).collect::<Vec<_>>()
         };
         let of_shape = |own: &Option<String>| own.as_deref() == Some(shape);
         let builds = lines(&|name| {
