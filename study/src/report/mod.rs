@@ -38,13 +38,14 @@ pub fn number(x: f64) -> String {
     text.replacen('-', "−", 1).replace("e-", "e−")
 }
 
-/// A number with its standard error, both to the error's second digit; three decimals at most, five below 0.1.
+/// A number with its standard error, both to the error's second digit; three decimals at most, five below 0.1,
+/// each as [`number`] below 0.001.
 pub fn with_error(x: f64, error: f64) -> String {
     let size = x.abs().max(error);
     if !x.is_finite() || !error.is_finite() || error >= 1e4 || (size > 0.0 && size < 1e-3) {
         return format!("{} ± {}", number(x), number(error));
     }
-    let most = if size < 0.1 && error > 0.0 { 5 } else { 3 };
+    let most = if size < 0.1 { 5 } else { 3 };
     let decimals = if error > 0.0 { (1 - error.log10().floor() as i32).clamp(0, most) as usize } else { 3 };
     format!("{x:.decimals$} ± {error:.decimals$}")
 }
