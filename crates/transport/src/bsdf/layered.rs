@@ -101,17 +101,18 @@ impl<Top: Lobe, Base: Lobe> Lobe for Layered<Option<Top>, Base> {
 
     #[inline(always)]
     fn straight(&self, n: V3, wo: V3, light: F, bodies: bool) -> Straight {
-        let Some(top) = self.top() else { return self.base.straight(n, wo, light, bodies) };
-        let top = top.straight(n, wo, light, bodies);
-        let base = self.base.straight(n, wo, top.transmittance, bodies);
+        let top = self.top().map(|top| top.straight(n, wo, light, bodies));
+        let base = self.base.straight(n, wo, top.map_or(light, |top| top.transmittance), bodies);
+        let Some(top) = top else { return base };
         Straight { weight: top.weight + base.weight, transmittance: base.transmittance }
     }
 
     #[inline(always)]
     fn eval(&self, d: &Directions, light: F) -> Response {
-        let Some(lobe) = self.top() else { return self.base.eval(d, light) };
-        let top = lobe.eval(d, light);
-        let base = self.base.eval(d, top.transmittance);
+        // One call of the base, whether there is a top lobe or not: it is inlined at every level.
+        let top = self.top().map(|lobe| (lobe, lobe.eval(d, light)));
+        let base = self.base.eval(d, top.map_or(light, |(_, top)| top.transmittance));
+        let Some((lobe, top)) = top else { return base };
         let p = self.top_probability(lobe, d.n, d.wo);
         let pdf = p.mul_add(top.pdf, (F::ONE - p) * base.pdf);
         Response { value: top.value + base.value, pdf, transmittance: base.transmittance }
@@ -119,11 +120,12 @@ impl<Top: Lobe, Base: Lobe> Lobe for Layered<Option<Top>, Base> {
 
     #[inline(always)]
     fn sample_direction(&self, frames: &Frames, wo: V3, [lobe, u, v]: [F; 3]) -> DirectionSample {
-        let Some(upper) = self.top() else { return self.base.sample_direction(frames, wo, [lobe, u, v]) };
         // Reuse the number: rescaled to [0, 1), it chooses among the parts of the chosen lobe.
         let within = |from: F, size: F| ((lobe - from) / size).fast_max(F::ZERO).fast_min(F::splat(ONE_MINUS_EPSILON));
-        let p = self.top_probability(upper, frames.n, wo);
-        let base = self.base.sample_direction(frames, wo, [within(p, F::ONE - p), u, v]);
+        let upper = self.top().map(|upper| (upper, self.top_probability(upper, frames.n, wo)));
+        let beneath = upper.map_or(lobe, |(_, p)| within(p, F::ONE - p));
+        let base = self.base.sample_direction(frames, wo, [beneath, u, v]);
+        let Some((upper, p)) = upper else { return base };
         let from_top = lobe.simd_lt(p);
         if !from_top.any() {
             return base;

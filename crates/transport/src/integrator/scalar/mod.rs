@@ -485,10 +485,7 @@ impl<'a> Tracer<'a> {
         let (ns, wo) = (V3::splat(vertex.ns), V3::splat(vertex.wo));
         let numbers = [lobe, u, v].map(F::splat);
         let mixture = self.mixture(vertex);
-        let MixtureSample { sample, pdfs } = match &mixture {
-            Some(mixture) => mixture.sample(&vertex.bsdf, ns, wo, numbers),
-            None => MixtureSample::from_bsdf(vertex.bsdf.sample(ns, wo, numbers)),
-        };
+        let MixtureSample { sample, pdfs } = mixture::sample(mixture.as_ref(), &vertex.bsdf, ns, wo, numbers);
         let (wi, value, pdf) = (sample.wi.lane(0), sample.value.lane(0), sample.pdf.as_array()[0]);
         self.report(depth, EventKind::BsdfSample { wi, pdf });
         let weighted_pdf = self.samples_per_path(depth)[2] * pdf;

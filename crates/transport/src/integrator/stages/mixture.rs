@@ -26,12 +26,28 @@ pub struct MixtureSample {
     pub pdfs: [F; 2],
 }
 
-impl MixtureSample {
-    /// Samples of the BSDF alone.
-    #[inline(always)]
-    pub fn from_bsdf(sample: BsdfSample) -> Self {
-        Self { pdfs: [sample.pdf, F::ZERO], sample }
-    }
+/// Samples directions from three uniform numbers in [0, 1): from the mixture, or from the BSDF alone.
+#[inline(always)]
+pub fn sample(mixture: Option<&Mixture>, bsdf: &impl Lobe, n: V3, wo: V3, [lobe, u, v]: [F; 3]) -> MixtureSample {
+    let drawn = mixture.map(|mixture| (mixture, mixture.draw([lobe, u, v])));
+    let (lobe, given) = drawn.map_or((lobe, (F::ZERO, V3::ZERO)), |(_, drawn)| (drawn.rest, drawn.given));
+    // One call of the BSDF, which is inlined.
+    let sample = bsdf.sample_or(n, wo, [lobe, u, v], given);
+    let Some((mixture, drawn)) = drawn else { return MixtureSample { pdfs: [sample.pdf, F::ZERO], sample } };
+    let density = drawn.density + mixture.field.density(mixture.cells, !drawn.given.0, sample.wi);
+    let pdfs = [sample.pdf, density / steradians(sample.wi)];
+    MixtureSample { sample: BsdfSample { pdf: mixture.mix(pdfs[0], pdfs[1]), ..sample }, pdfs }
+}
+
+/// Eight directions drawn from a field.
+#[derive(Clone, Copy)]
+struct Drawn {
+    /// The number that chooses among lobes, where the BSDF is sampled.
+    rest: F,
+    /// Mask of the lanes that sample the field, and their directions.
+    given: (F, V3),
+    /// Density of the field there, in the unit of [`Field::draw`].
+    density: F,
 }
 
 /// Mask of the lanes whose BSDF is diffuse enough to be guided.
@@ -96,17 +112,14 @@ impl<'a> Mixture<'a> {
         self.field_fraction.mul_add(field_pdf - bsdf_pdf, bsdf_pdf)
     }
 
-    /// Samples directions from three uniform numbers in [0, 1).
+    /// Chooses between field and BSDF, and draws from the field.
     #[inline(always)]
-    pub fn sample(&self, bsdf: &impl Lobe, n: V3, wo: V3, [lobe, u, v]: [F; 3]) -> MixtureSample {
+    fn draw(&self, [lobe, u, v]: [F; 3]) -> Drawn {
         let from_field = lobe.simd_lt(self.field_fraction);
         // Reuse the number: rescaled to [0, 1), it chooses among lobes.
         let rest = (lobe - self.field_fraction) / (F::ONE - self.field_fraction);
         let rest = rest.fast_max(F::ZERO).fast_min(F::splat(ONE_MINUS_EPSILON));
         let (direction, density) = self.field.draw(self.cells, from_field, u, v);
-        let sample = bsdf.sample_or(n, wo, [rest, u, v], (from_field, direction));
-        let density = density + self.field.density(self.cells, !from_field, sample.wi);
-        let pdfs = [sample.pdf, density / steradians(sample.wi)];
-        MixtureSample { sample: BsdfSample { pdf: self.mix(pdfs[0], pdfs[1]), ..sample }, pdfs }
+        Drawn { rest, given: (from_field, direction), density }
     }
 }

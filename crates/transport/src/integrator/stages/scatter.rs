@@ -1,6 +1,6 @@
 //! BSDF sampling: the next rays.
 
-use super::mixture::{Mixture, MixtureSample};
+use super::mixture::{self, Mixture, MixtureSample};
 use super::requests::Requests;
 use crate::bsdf::{Core, Lobe, Parameters};
 use crate::integrator::data::context::WaveContext;
@@ -73,10 +73,7 @@ fn one_group(
     let transmits = bsdf.transmits();
     let (ns, wo) = (vertices.ns.load(rows), vertices.wo.load(rows));
     let mixture = Mixture::at(transport, vertices, rows);
-    let MixtureSample { sample, pdfs } = match &mixture {
-        Some(mixture) => mixture.sample(bsdf, ns, wo, [lobe, u, v]),
-        None => MixtureSample::from_bsdf(bsdf.sample(ns, wo, [lobe, u, v])),
-    };
+    let MixtureSample { sample, pdfs } = mixture::sample(mixture.as_ref(), bsdf, ns, wo, [lobe, u, v]);
     let weighted_pdf = group.samples_per_path[2] * sample.pdf;
     let spawned = vertices.spawn_rays(rows, transmits, sample.wi);
     let mut beta = vertices.beta.load(rows) * sample.value * (F::ONE / weighted_pdf);
