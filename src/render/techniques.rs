@@ -125,7 +125,7 @@ techniques! {
                 where most light arrives by other surfaces; the errors of neighbouring pixels are then related. \
                 Before a denoiser it gains little, and is off unless it is given. N: groups of N \
                 paths; N:M: M of these go on from there, for all",
-        nothing: "no indirect light, or motion, blended alpha or a clamp",
+        nothing: "no indirect light, or motion, blended alpha, a clamp or groups of lights",
         fraction_of: "error times cost",
         unnamed: Choice::Off,
         is_switch: false,

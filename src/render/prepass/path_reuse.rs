@@ -64,9 +64,11 @@ impl PathReuse {
             return None;
         }
         let always = settings.techniques[Technique::PathReuse] == Choice::On;
-        if !reuse::is_possible(transport) {
+        if settings.light_groups.is_some() || !reuse::is_possible(transport) {
             if always {
-                warn!("path re-use: nothing is shared in scenes with motion or blended alpha, nor with a clamp");
+                warn!(
+                    "path re-use: nothing is shared in scenes with motion or blended alpha, with a clamp or groups of lights"
+                );
             }
             return None;
         }

@@ -3,7 +3,7 @@
 //! The Fresnel term is Schlick's approximation for index 1.5 at the coat's normal, as the extension specifies; it also
 //! attenuates the layers beneath. A smooth coat therefore conserves energy.
 
-use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response, diffuseness};
+use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response, albedos};
 use super::parameters::{Eight, lobe};
 use super::schlick::schlick_weight;
 use super::{albedo, ggx};
@@ -35,8 +35,8 @@ impl Lobe for Clearcoat<Eight> {
     }
 
     #[inline(always)]
-    fn diffuseness(&self) -> F {
-        diffuseness(self.coat * F::splat(0.04), self.alpha)
+    fn albedos(&self) -> [F; 2] {
+        albedos(self.coat * F::splat(0.04), self.alpha)
     }
 
     #[inline(always)]
@@ -51,7 +51,7 @@ impl Lobe for Clearcoat<Eight> {
         let (cos_o, cos_i, cos_h) = (n.dot(d.wo), n.dot(d.wi), n.dot(d.h));
         let alpha2 = self.alpha * self.alpha;
         let density = ggx::distribution(n.cross(d.h).length_squared(), cos_h * cos_h, alpha2);
-        let visible = d.above & cos_i.simd_gt(F::ZERO);
+        let visible = d.above & cos_i.simd_gt(F::ZERO) & self.alpha.simd_ge(d.min_alpha);
         let masking = ggx::masking(cos_o, alpha2);
         let pdf = (masking * density / (F::splat(4.0) * cos_o)) & visible;
         let reflectance = self.reflectance(cos_o);

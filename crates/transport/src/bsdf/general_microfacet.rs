@@ -2,7 +2,7 @@
 //! or a thin film. It replaces both [`Microfacet`](super::Microfacet) and [`Glass`](super::Glass) on materials that have one
 //! of the extensions, so that the two stay simple and fast.
 
-use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response, Straight, diffuseness};
+use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response, Straight, albedos};
 use super::parameters::{Eight, lobe};
 use super::refraction::{self, Facet, Fresnel};
 use super::schlick::schlick_weight;
@@ -59,8 +59,8 @@ impl Lobe for GeneralMicrofacet<Eight> {
     }
 
     #[inline(always)]
-    fn diffuseness(&self) -> F {
-        diffuseness(self.f0.luminance() + self.metallic + self.transmission, self.alpha_t.fast_min(self.alpha_b))
+    fn albedos(&self) -> [F; 2] {
+        albedos(self.f0.luminance() + self.metallic + self.transmission, self.alpha_t.fast_min(self.alpha_b))
     }
 
     #[inline(always)]
@@ -88,7 +88,8 @@ impl Lobe for GeneralMicrofacet<Eight> {
 
         let (fresnel, transmittance) = self.scattering(wo_h);
         let p = fresnel.reflection_probability(self.tint);
-        let visible = d.above | (transmits & self.transmits());
+        let is_rough = self.alpha_t.fast_min(self.alpha_b).simd_ge(d.min_alpha);
+        let visible = (d.above & is_rough) | (transmits & self.transmits());
         let pdf = (drawn * d.above.select(p, F::ONE - p)) & visible;
         let color = V3::select(d.above, fresnel.reflected, self.tint * fresnel.transmitted);
         let shadowing = ggx::shadowing(masking, ggx::masking_along(frame.to_local(d.wi), alphas));

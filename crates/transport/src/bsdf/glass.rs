@@ -4,7 +4,7 @@
 //! Radiance inside media is not scaled by the squared index of refraction: emitters in glass have the radiance that the
 //! file says, and the factor cancels for light that leaves a medium.
 
-use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response, Straight, diffuseness};
+use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response, Straight, albedos};
 use super::parameters::{Eight, lobe};
 use super::refraction::{self, Facet, Fresnel};
 use super::{albedo, ggx};
@@ -47,8 +47,8 @@ impl Lobe for Glass<Eight> {
     }
 
     #[inline(always)]
-    fn diffuseness(&self) -> F {
-        diffuseness(self.fraction, self.alpha)
+    fn albedos(&self) -> [F; 2] {
+        albedos(self.fraction, self.alpha)
     }
 
     #[inline(always)]

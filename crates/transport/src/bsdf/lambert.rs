@@ -21,8 +21,8 @@ impl Lobe for Lambert<Eight> {
     }
 
     #[inline(always)]
-    fn diffuseness(&self) -> F {
-        self.diffuse.luminance() * F::splat(PI)
+    fn albedos(&self) -> [F; 2] {
+        [self.diffuse.luminance() * F::splat(PI), F::ZERO]
     }
 
     #[inline(always)]

@@ -87,8 +87,9 @@ impl<Top: Lobe, Base: Lobe> Lobe for Layered<Option<Top>, Base> {
     }
 
     #[inline(always)]
-    fn diffuseness(&self) -> F {
-        self.top.as_ref().map_or(F::ZERO, Lobe::diffuseness) + self.base.diffuseness()
+    fn albedos(&self) -> [F; 2] {
+        let ([rough, sharp], base) = (self.top.as_ref().map_or([F::ZERO; 2], Lobe::albedos), self.base.albedos());
+        [rough + base[0], sharp + base[1]]
     }
 
     #[inline(always)]

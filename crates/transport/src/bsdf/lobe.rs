@@ -20,11 +20,11 @@ pub trait Lobe: Copy {
         F::ZERO
     }
 
-    /// Approximate luminance of the diffuse albedo less that of the specular albedo. Path guiding is used where it is not
-    /// negative; elsewhere the BSDF alone says which directions matter.
+    /// Approximate luminances of the albedos of rough and of sharp lobes, which are divided by [`MIN_ROUGH_ALPHA`]. Path
+    /// guiding is used where the first is not smaller; elsewhere the BSDF alone says which directions matter.
     #[inline(always)]
-    fn diffuseness(&self) -> F {
-        F::ZERO
+    fn albedos(&self) -> [F; 2] {
+        [F::ZERO; 2]
     }
 
     /// Estimates, for uniform white illumination, of the luminance that the lobe scatters toward `wo`, and of the fraction of
@@ -54,9 +54,16 @@ pub trait Lobe: Copy {
     /// where `wo` is below the surface with shading normal `n`, or where `wi` is and no lobe transmits.
     #[inline(always)]
     fn eval_pdf(&self, n: V3, wo: V3, wi: V3) -> (V3, F) {
+        self.eval_pdf_above(n, wo, wi, F::ZERO)
+    }
+
+    /// The part of [`eval_pdf`](Self::eval_pdf) that is due to lobes whose α is at least `min_alpha`, of reflection: smaller
+    /// ones attenuate the layers beneath, but scatter nothing.
+    #[inline(always)]
+    fn eval_pdf_above(&self, n: V3, wo: V3, wi: V3, min_alpha: F) -> (V3, F) {
         let half = (wo + wi).normalize_or(n);
-        let response =
-            evaluate(self, n, wo, DirectionSample { wi, h: V3::select(n.dot(wi).simd_gt(F::ZERO), half, V3::ZERO) });
+        let sample = DirectionSample { wi, h: V3::select(n.dot(wi).simd_gt(F::ZERO), half, V3::ZERO) };
+        let response = evaluate(self, n, wo, sample, min_alpha);
         (response.value, response.pdf)
     }
 
@@ -76,17 +83,17 @@ pub trait Lobe: Copy {
             let h = V3::select(n.dot(other).simd_gt(F::ZERO), half, V3::ZERO);
             drawn = DirectionSample { wi: V3::select(given, other, drawn.wi), h: V3::select(given, h, drawn.h) };
         }
-        let Response { value, pdf, .. } = evaluate(self, n, wo, drawn);
+        let Response { value, pdf, .. } = evaluate(self, n, wo, drawn, F::ZERO);
         BsdfSample { wi: drawn.wi, value, pdf }
     }
 }
 
 /// Evaluates a lobe for a sampled direction.
 #[inline(always)]
-fn evaluate(lobe: &impl Lobe, n: V3, wo: V3, DirectionSample { wi, h }: DirectionSample) -> Response {
+fn evaluate(lobe: &impl Lobe, n: V3, wo: V3, DirectionSample { wi, h }: DirectionSample, min_alpha: F) -> Response {
     let (cos_o, cos_i) = (n.dot(wo), n.dot(wi));
     let above = cos_o.simd_gt(F::ZERO) & cos_i.simd_gt(F::ZERO);
-    lobe.eval(&Directions { n, wo, wi, h, cos_o, cos_i, above }, F::ONE)
+    lobe.eval(&Directions { n, wo, wi, h, cos_o, cos_i, above, min_alpha }, F::ONE)
 }
 
 /// The directions for which a lobe is evaluated.
@@ -106,6 +113,8 @@ pub struct Directions {
     pub cos_i: F,
     /// Mask: `wo` and `wi` are both above the surface.
     pub above: F,
+    /// Microfacet lobes of a smaller α reflect nothing.
+    pub min_alpha: F,
 }
 
 /// Orthonormal frames around shading normals.
@@ -182,11 +191,12 @@ pub struct BsdfSample {
     pub pdf: F,
 }
 
-/// Microfacet lobes of at least this α count as diffuse.
-const MIN_DIFFUSE_ALPHA: f32 = 0.1;
+/// Microfacet lobes of at least this α are rough, those of a smaller one are sharp.
+pub const MIN_ROUGH_ALPHA: f32 = 0.1;
 
-/// [`Lobe::diffuseness`] of a microfacet lobe of roughness `alpha` and albedo `weight`.
+/// [`Lobe::albedos`] of a microfacet lobe of roughness `alpha` and albedo `weight`.
 #[inline(always)]
-pub(super) fn diffuseness(weight: F, alpha: F) -> F {
-    alpha.simd_lt(F::splat(MIN_DIFFUSE_ALPHA)).select(F::ZERO - weight, weight)
+pub(super) fn albedos(weight: F, alpha: F) -> [F; 2] {
+    let sharp = alpha.simd_lt(F::splat(MIN_ROUGH_ALPHA));
+    [!sharp & weight, sharp & weight]
 }

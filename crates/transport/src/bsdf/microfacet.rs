@@ -1,7 +1,7 @@
 //! GGX reflection of metals and dielectrics, with height-correlated Smith masking-shadowing and Schlick's Fresnel term
 //! (glTF 2.0, appendix B), and compensation of the energy that single scattering loses (`albedo.rs`).
 
-use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response, diffuseness};
+use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response, albedos};
 use super::parameters::{Eight, lobe};
 use super::schlick::schlick_weight;
 use super::{albedo, ggx};
@@ -35,8 +35,8 @@ impl Lobe for Microfacet<Eight> {
     }
 
     #[inline(always)]
-    fn diffuseness(&self) -> F {
-        diffuseness(self.f0.luminance(), self.alpha)
+    fn albedos(&self) -> [F; 2] {
+        albedos(self.f0.luminance(), self.alpha)
     }
 
     #[inline(always)]
@@ -49,6 +49,7 @@ impl Lobe for Microfacet<Eight> {
     #[inline(always)]
     fn eval(&self, d: &Directions, light: F) -> Response {
         let schlick = schlick_weight(d.wo.dot(d.h));
+        let above = d.above & self.alpha.simd_ge(d.min_alpha);
         let alpha2 = self.alpha * self.alpha;
         let cos_h = d.n.dot(d.h);
         let density = ggx::distribution(d.n.cross(d.h).length_squared(), cos_h * cos_h, alpha2);
@@ -56,10 +57,10 @@ impl Lobe for Microfacet<Eight> {
         let masking = ggx::masking(d.cos_o, alpha2);
         let pdf = masking * density / (F::splat(4.0) * d.cos_o);
         let shadowing = ggx::shadowing(masking, ggx::masking(d.cos_i, alpha2));
-        let value = self.fresnel(schlick) * ((pdf * shadowing * light) & d.above);
+        let value = self.fresnel(schlick) * ((pdf * shadowing * light) & above);
         let transmittance = F::ONE - self.layer(schlick);
         if !self.compensation.simd_gt(F::ZERO).any() {
-            return Response { value, pdf: pdf & d.above, transmittance: light * transmittance };
+            return Response { value, pdf: pdf & above, transmittance: light * transmittance };
         }
         let albedo = albedo::ggx(d.cos_o, self.alpha);
         let color = albedo::mean_fresnel(self.f0, self.f90);
@@ -67,7 +68,7 @@ impl Lobe for Microfacet<Eight> {
         let value = value * albedo::gain(color, albedo.loss(), self.compensation);
         let compensated = F::ONE - albedo.layer(self.layer0, self.layer90);
         let transmittance = self.compensation.simd_gt(F::ZERO).select(compensated, transmittance);
-        Response { value, pdf: pdf & d.above, transmittance: light * transmittance }
+        Response { value, pdf: pdf & above, transmittance: light * transmittance }
     }
 
     #[inline(always)]

@@ -31,7 +31,7 @@ pub use general_microfacet::GeneralMicrofacet;
 pub use glass::Glass;
 pub use lambert::Lambert;
 pub use layered::Layered;
-pub use lobe::{BsdfSample, DirectionSample, Directions, Frames, Lobe, Response, Straight};
+pub use lobe::{BsdfSample, DirectionSample, Directions, Frames, Lobe, MIN_ROUGH_ALPHA, Response, Straight};
 pub use lobe_set::LobeSet;
 pub use metallic_roughness::{Anisotropy, Iridescence, Surface, refraction_index};
 pub use microfacet::Microfacet;

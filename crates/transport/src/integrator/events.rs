@@ -7,7 +7,6 @@ use std::iter::once;
 use glam::Vec3;
 
 use crate::integrator::data::context::WaveContext;
-use crate::integrator::data::light_groups::MAX_GROUPS;
 use crate::integrator::data::queues::{LightKind, PathRays, ShadowRays};
 use crate::integrator::data::requests::RequestGroup;
 use crate::integrator::data::vertices::Vertices;
@@ -86,8 +85,6 @@ pub struct BorrowedLight {
     pub index: u32,
     /// What it adds to the path, linear RGB.
     pub radiance: Vec3,
-    /// The same by groups of lights.
-    pub by_group: [Vec3; MAX_GROUPS],
 }
 
 /// Receives what happens to the paths of a wave. Events come in a fixed order, and in that of the functions here at each depth.

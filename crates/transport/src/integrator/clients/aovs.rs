@@ -8,7 +8,7 @@ use crate::film::stats::accumulate;
 use crate::film::{AovSums, ExtraSums};
 use crate::integrator::data::context::WaveContext;
 use crate::integrator::data::queues::{LightKind, PathRays, ShadowRays};
-use crate::integrator::events::{BorrowedLight, FoundEmission, PathEvents, UnoccludedLight};
+use crate::integrator::events::{FoundEmission, PathEvents, UnoccludedLight};
 use crate::rays::{HitBatch, MISS};
 
 /// Adds paths to the AOVs of their pixels, one entry per task in each slice.
@@ -83,11 +83,6 @@ impl PathEvents for Aovs<'_> {
         if at.depth == 0 {
             self.add_direct(path, found.radiance);
         }
-    }
-
-    fn borrowed(&mut self, at: &WaveContext, light: &BorrowedLight) {
-        let lit = light.by_group.iter().enumerate().filter(|(_, radiance)| **radiance != Vec3::ZERO);
-        lit.for_each(|(group, radiance)| self.add_light(at, light.path, (group, true), *radiance));
     }
 
     fn end(&mut self, at: &WaveContext, radiance: &[Vec3]) {

@@ -144,7 +144,7 @@ impl PathEvents for Contributions<'_> {
     }
 
     fn borrowed(&mut self, _at: &WaveContext, light: &BorrowedLight) {
-        let BorrowedLight { path, index, radiance, .. } = *light;
+        let BorrowedLight { path, index, radiance } = *light;
         self.columns.sub_paths.push(SubPath { path, index, indirect: radiance });
     }
 

@@ -1,5 +1,6 @@
 //! Groups of BSDF samples of first surfaces that share what they find.
 
+use glam::Vec3;
 use wide::bytemuck::cast;
 
 use crate::integrator::data::dimensions;
@@ -9,26 +10,57 @@ use crate::integrator::data::vertices::Vertices;
 use crate::lanes::{F, U};
 use crate::sampling::{self, hashes};
 
-/// Octants of the normals of eight samples, and random numbers.
-pub fn keys(vertices: &Vertices, group: &RequestGroup) -> [U; 2] {
+/// Octants of the normals of eight samples, and two random numbers.
+pub fn keys(vertices: &Vertices, group: &RequestGroup) -> [U; 3] {
     let normal = vertices.ng.load(&group.rows);
     let sign = |x: F, bit: u32| (cast::<F, U>(x) >> 31) << bit;
     let ids = &group.path_ids;
     let random = hashes(sampling::keys(ids.seed, ids.index, dimensions::REUSE));
-    [sign(normal.x, 0) | sign(normal.y, 1) | sign(normal.z, 2), random]
+    [sign(normal.x, 0) | sign(normal.y, 1) | sign(normal.z, 2), random, hashes(random)]
+}
+
+/// A group.
+#[derive(Debug, Clone, Copy)]
+pub struct Group {
+    /// End of its samples in [`Groups::members`].
+    end: u32,
+    /// Fraction of its samples that go on from far second surfaces.
+    pub traced: f32,
+    /// Mean squared distance of its first surfaces from their centre.
+    pub extent2: f32,
+}
+
+impl Group {
+    /// Probability with which a sample goes on from a second surface, by the squared distance between first and second. Near
+    /// surfaces have few lenders: where the own sample is most of the divisor, it should not be missing. All samples go on
+    /// from `sharp` surfaces, which keep a part of what their paths find.
+    #[inline(always)]
+    pub fn goes_on(&self, distance2: F, sharp: bool) -> F {
+        let near = F::splat(self.extent2) / distance2.fast_max(F::splat(f32::MIN_POSITIVE));
+        if sharp { F::ONE } else { (F::splat(self.traced) * (F::ONE + near)).fast_min(F::ONE) }
+    }
+}
+
+/// A sample's place in its group.
+#[derive(Debug, Clone, Copy)]
+pub struct Place {
+    /// Index of the group.
+    pub group: u32,
+    /// Uniform in [0, 1), stratified over the samples of the group: the sample goes on with a probability above it.
+    pub order: f32,
 }
 
 /// The groups of a wave.
 #[derive(Debug, Default)]
 pub struct Groups {
     /// Keys of samples, and the samples.
-    keyed: Vec<([u32; 3], u32)>,
+    keyed: Vec<([u32; 4], u32)>,
     /// The samples, group by group.
     members: Vec<u32>,
-    /// End of each group in `members`.
-    ends: Vec<u32>,
-    /// By sample: does it go on ([`is_traced`](Self::is_traced))?
-    traced: Vec<Option<bool>>,
+    /// The groups.
+    list: Vec<Group>,
+    /// By sample.
+    places: Vec<Option<Place>>,
 }
 
 impl Groups {
@@ -36,51 +68,60 @@ impl Groups {
     pub fn clear(&mut self) {
         self.keyed.clear();
         self.members.clear();
-        self.ends.clear();
-        self.traced.clear();
+        self.list.clear();
+        self.places.clear();
     }
 
     /// Is no sample in a group?
     pub fn is_empty(&self) -> bool {
-        self.ends.is_empty()
+        self.list.is_empty()
     }
 
-    /// Adds a sample that borrows. Those of a group have the same first two numbers; the third one orders them.
-    pub fn add(&mut self, key: [u32; 3], sample: u32) {
+    /// Adds a sample that borrows. Those of a group have the same first two numbers; the others are random.
+    pub fn add(&mut self, key: [u32; 4], sample: u32) {
         self.keyed.push((key, sample));
     }
 
-    /// Forms the groups of all samples, of equal sizes.
-    pub fn form(&mut self, reuse: Reuse) {
-        let Self { keyed, members, ends, traced } = self;
+    /// Forms the groups of all samples, of equal sizes. `position` is that of a sample's first surface.
+    pub fn form(&mut self, reuse: Reuse, position: impl Fn(u32) -> Vec3) {
+        let Self { keyed, members, list, places } = self;
         keyed.sort_unstable();
         let samples = keyed.iter().map(|(_, sample)| sample + 1).max().unwrap_or(0);
-        traced.resize(samples as usize, None);
+        places.resize(samples as usize, None);
         for alike in keyed.chunk_by(|a, b| a.0[..2] == b.0[..2]) {
             let size = alike.len().div_ceil(alike.len().div_ceil(reuse.group as usize));
             for group in alike.chunks(size).filter(|group| group.len() > 1) {
-                let goes_on = reuse.traced_of(group.len());
-                members.extend(group.iter().map(|(_, sample)| sample));
-                ends.push(members.len() as u32);
-                for (i, (_, sample)) in group.iter().enumerate() {
-                    traced[*sample as usize] = Some(i < goes_on);
+                let n = group.len() as f32;
+                let centre = group.iter().map(|(_, sample)| position(*sample)).sum::<Vec3>() / n;
+                let extent2 =
+                    group.iter().map(|(_, sample)| position(*sample).distance_squared(centre)).sum::<f32>() / n;
+                for (i, ([.., random], sample)) in group.iter().enumerate() {
+                    let order = (i as f32 + (random >> 8) as f32 / (1 << 24) as f32) / n;
+                    places[*sample as usize] = Some(Place { group: list.len() as u32, order });
                 }
+                members.extend(group.iter().map(|(_, sample)| sample));
+                list.push(Group {
+                    end: members.len() as u32,
+                    traced: reuse.traced_of(group.len()) as f32 / n,
+                    extent2,
+                });
             }
         }
     }
 
-    /// Does the path of a sample go on from the second surface? `None` if the sample is in no group.
-    pub fn is_traced(&self, sample: u32) -> Option<bool> {
-        self.traced.get(sample as usize).copied().flatten()
+    /// The place of a sample, and its group; `None` if it is in none.
+    pub fn place(&self, sample: u32) -> Option<(Place, Group)> {
+        let place = self.places.get(sample as usize).copied().flatten()?;
+        Some((place, self.list[place.group as usize]))
     }
 
-    /// The samples of each group, and the number of them that go on: these are the first ones.
-    pub fn each(&self, reuse: Reuse) -> impl Iterator<Item = (&[u32], usize)> {
+    /// The groups, with their samples.
+    pub fn each(&self) -> impl Iterator<Item = (Group, &[u32])> {
         let mut start = 0;
-        self.ends.iter().map(move |end| {
-            let members = &self.members[start..*end as usize];
-            start = *end as usize;
-            (members, reuse.traced_of(members.len()))
+        self.list.iter().map(move |group| {
+            let members = &self.members[start..group.end as usize];
+            start = group.end as usize;
+            (*group, members)
         })
     }
 }

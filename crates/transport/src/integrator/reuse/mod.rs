@@ -8,8 +8,14 @@
 //!
 //! I_i = Σ_j f(x_i → y_j) cos θ_i (cos θ_y / |x_i − y_j|²) V(x_i, y_j) L_j(→ x_i) / Σ_k p_k(y_j) V(x_k, y_j)
 //!
-//! A fraction q of the samples of a group goes on from y; L is then divided by q (*sparse* re-use). Groups are drawn before
-//! anything is known of y. A pair (x, y) takes part where `pairs` says so; the light of all others stays with its own path.
+//! A fraction q of the samples of a group goes on from y (*sparse* re-use). Groups are drawn before anything is known of y; q
+//! depends on the pair (x, y), and the divisor has q_k p_k(y). A pair takes part where `pairs` says so; the light of all others
+//! stays with its own path.
+//!
+//! L_j depends on the direction w in which its light arrives at y, which path j has drawn with a density p_j(w) toward x_j. The
+//! balance heuristic is that of y and w: in the divisor, p_k(y) stands with p_k(w), the density toward x_k, so that no x counts
+//! more of what another has found than of its own sample. Rough lobes of y are lent. What sharp lobes scatter stays with the
+//! own path: their densities differ without bound between two x.
 
 mod groups;
 mod lenders;
@@ -20,17 +26,17 @@ use glam::Vec3;
 use super::data::context::WaveContext;
 use super::data::counts::WaveCounts;
 use super::data::history::MIRROR_PDF;
-use super::data::light_groups::MAX_GROUPS;
 use super::data::path_states::NonFiniteSamples;
 use super::data::queues::{LightKind, PathRays, ShadowRays};
 use super::data::requests::RequestGroup;
 use super::data::transport::Transport;
 use super::data::vertices::Vertices;
 use super::events::{BorrowedLight, FoundEmission, LightSampleGroup, PathEvents, ScatteredGroup, UnoccludedLight};
-use crate::lanes::{F, LANES, NUMBERS, Rows, U, load_bits};
+use super::stages::emission::weighted_light_pdf;
+use crate::lanes::{F, LANES, NUMBERS, Rows, U, grow, load_bits, store};
 use crate::rays::HitBatch;
 use groups::Groups;
-use lenders::{FirstSample, Lender, NONE};
+use lenders::{Find, FirstSample, LIGHT, Lender, NEXT, NONE, PUNCTUAL};
 use pairs::Pairs;
 
 /// What first surfaces lend each other; one per thread.
@@ -49,7 +55,10 @@ pub struct Lending {
     sample_of: Vec<u32>,
     /// By number of a ray behind those of the camera: the lender that it belongs to, or [`NONE`].
     lender_of: Vec<u32>,
+    /// By row of shadow rays at second surfaces, [`Find::light_pdf`]; without meaning for punctual lights.
+    light_pdf: Vec<f32>,
     lenders: Vec<Lender>,
+    finds: Vec<Find>,
     pairs: Pairs,
     /// Index in the wave of the path whose loans are listed.
     pub watched: Option<u32>,
@@ -72,6 +81,14 @@ pub fn is_possible(transport: &Transport) -> bool {
     !transport.geometry.moves && !transport.materials.blends && transport.limits[1] == f32::INFINITY
 }
 
+/// Mask of the directions that are no mirror images, by their densities: of the mixture with a guiding field, and of the BSDF.
+/// Histories of rays ask for the first where shadow rays pass bodies of glass.
+#[inline(always)]
+fn is_rough(transport: &Transport, pdf: F, bsdf_pdf: F) -> F {
+    let rough = bsdf_pdf.simd_lt(F::splat(MIRROR_PDF));
+    if transport.passes_bodies() { rough & pdf.simd_lt(F::splat(MIRROR_PDF)) } else { rough }
+}
+
 impl Lending {
     fn begin(&mut self, at: &WaveContext) {
         self.active = at.transport.proposal.reuse.is_some();
@@ -80,6 +97,7 @@ impl Lending {
         self.sample_of.clear();
         self.lender_of.clear();
         self.lenders.clear();
+        self.finds.clear();
         self.loans.clear();
         self.first_paths.clear();
         self.first_paths.extend(at.tasks.iter().scan(0, |next, task| {
@@ -88,36 +106,52 @@ impl Lending {
         }));
     }
 
-    /// The lender that a ray of this number behind the camera's belongs to.
+    /// The lender that a ray of this number belongs to.
     #[inline]
-    fn lender(&mut self, number: usize) -> Option<&mut Lender> {
-        self.lenders.get_mut(*self.lender_of.get(number)? as usize)
+    fn lender(&mut self, at: &WaveContext, ray: u32) -> Option<&mut Lender> {
+        self.lenders.get_mut(*self.lender_of.get((ray as usize).checked_sub(at.paths.len())?)? as usize)
+    }
+
+    /// Keeps what the lender of a ray has found at the end of a direction. False if the ray has none.
+    #[inline]
+    fn find(&mut self, at: &WaveContext, ray: u32, direction: usize, (radiance, light_pdf): (Vec3, f32)) -> bool {
+        let number = self.finds.len() as u32;
+        let Some(lender) = self.lender(at, ray) else { return false };
+        let next = std::mem::replace(&mut lender.found, number);
+        self.finds.push(Find { direction, radiance, light_pdf, next });
+        true
     }
 
     /// Marks the second surfaces that lend their light: their paths go on with a throughput of one, or end.
     pub fn lend(&mut self, at: &WaveContext, rays: &PathRays, vertices: &mut Vertices) {
         vertices.ended.clear();
         let Some(reuse) = at.transport.proposal.reuse.filter(|_| self.active && at.depth == 1) else { return };
-        self.groups.form(reuse);
+        let (first, samples) = (&self.vertices[0].origin, &self.samples);
+        self.groups.form(reuse, |sample| first.get(samples[sample as usize].x as usize));
         if self.groups.is_empty() {
             return;
         }
         vertices.ended.resize(vertices.len(), false);
-        for first in (0..vertices.len()).step_by(LANES) {
-            let lends = pairs::lends(vertices, &Rows::From(first)).to_bitmask();
-            for row in (first..vertices.len().min(first + LANES)).filter(|row| lends >> (row - first) & 1 == 1) {
+        for at_row in (0..vertices.len()).step_by(LANES) {
+            let [lends, sharp] = pairs::lends(vertices, &Rows::From(at_row)).map(|mask| mask.to_bitmask());
+            let rows = at_row..vertices.len().min(at_row + LANES);
+            for (lane, row) in rows.enumerate().filter(|(lane, _)| lends >> lane & 1 == 1) {
                 let ray = (vertices.ray[row] - rays.first) as usize;
-                let sample = self.sample_of[ray];
+                let sample = &mut self.samples[self.sample_of[ray] as usize];
                 let passed = rays.rays.tnear[ray] > 0.0 || rays.passed_wall.get(ray).is_some_and(|passed| *passed);
-                let Some(traced) = self.groups.is_traced(sample) else { continue };
-                if passed || !self.samples[sample as usize].rough {
+                let Some((place, group)) = self.groups.place(self.sample_of[ray]) else { continue };
+                if passed || !sample.rough {
                     continue;
                 }
-                if traced {
-                    let lender = self.lenders.len() as u32;
-                    self.samples[sample as usize].lender = lender;
-                    self.lender_of[ray] = lender;
-                    self.lenders.push(Lender { y: row as u32, ..Default::default() });
+                let sharp = sharp >> lane & 1 == 1;
+                let distance2 =
+                    vertices.origin.get(row).distance_squared(self.vertices[0].origin.get(sample.x as usize));
+                let goes_on = group.goes_on(F::splat(distance2), sharp).as_array()[0];
+                if place.order < goes_on {
+                    sample.lender = self.lenders.len() as u32;
+                    self.lender_of[ray] = sample.lender;
+                    let beta = vertices.beta.get(row);
+                    self.lenders.push(Lender::new(row as u32, beta, goes_on, sharp));
                     vertices.beta.set(row, Vec3::ONE);
                 } else {
                     vertices.beta.set(row, Vec3::ZERO);
@@ -138,8 +172,8 @@ impl Lending {
     fn record_samples(&mut self, at: &WaveContext, vertices: &Vertices, group: &RequestGroup, found: &ScatteredGroup) {
         let rows = &group.rows;
         let borrows = pairs::borrows(vertices, rows).to_bitmask();
-        let rough = found.pdf[1].simd_lt(F::splat(MIRROR_PDF)).to_bitmask();
-        let [octants, random] = groups::keys(vertices, group).map(U::to_array);
+        let rough = is_rough(at.transport, found.pdf[0], found.pdf[1]).to_bitmask();
+        let [octants, random, random2] = groups::keys(vertices, group).map(U::to_array);
         let ids = &group.path_ids;
         let (path, index) = (ids.path.to_array(), ids.index.to_array());
         for lane in 0..group.len {
@@ -151,7 +185,7 @@ impl Lending {
             if borrows >> lane & 1 == 1 {
                 let path = path[lane];
                 let number = path - self.first_paths[at.pixel(path)];
-                self.groups.add([octants[lane], number, random[lane]], self.samples.len() as u32);
+                self.groups.add([octants[lane], number, random[lane], random2[lane]], self.samples.len() as u32);
             }
             self.samples.push(FirstSample { x, path: path[lane], index: index[lane], lender: NONE, rough });
         }
@@ -170,53 +204,49 @@ impl Lending {
         light: &mut [Vec3],
         clients: &mut E,
     ) {
-        let Some(reuse) = at.transport.proposal.reuse.filter(|_| self.active) else { return };
-        let Self { vertices, samples, groups, lenders, pairs, loans, watched, .. } = self;
+        if !self.active {
+            return;
+        }
+        let Self { vertices, samples, groups, lenders, finds, pairs, loans, watched, .. } = self;
         let weighted = |sum: Vec3, sample: &FirstSample| {
             vertices[0].beta.get(sample.x as usize) * sum / at.paths[sample.path as usize].samples_per_path[2]
         };
-        pairs.begin(at.transport, samples.len());
-        for (members, traced) in groups.each(reuse) {
-            let q = traced as f32 / members.len() as f32;
-            let lenders_of = members[..traced].iter().map(|member| samples[*member as usize].lender);
+        pairs.begin(samples.len());
+        for (group, members) in groups.each() {
             let is_lit = |lender: &u32| lenders.get(*lender as usize).is_some_and(Lender::is_lit);
-            let lit = lenders_of.filter(is_lit);
+            let lit = members.iter().map(|member| samples[*member as usize].lender).filter(is_lit);
             let of_watched = |path| members.iter().find(|member| samples[**member as usize].path == path);
             let Some(borrower) = watched.and_then(of_watched) else {
-                pairs.push(members, lit, q);
+                pairs.push(group, members, lit);
                 if pairs.is_full() {
-                    pairs.evaluate(at.transport, vertices, samples, lenders, counts);
+                    pairs.evaluate(at.transport, vertices, samples, (lenders, finds), counts);
                 }
                 continue;
             };
             // One lender after the other, which tells them apart.
-            pairs.evaluate(at.transport, vertices, samples, lenders, counts);
-            for own in members[..traced].iter().map(|member| &samples[*member as usize]) {
-                let before = pairs.borrowed_by(*borrower);
-                let lit = lenders.get(own.lender as usize).filter(|lender| lender.is_lit()).map(|_| own.lender);
-                pairs.push(members, lit.into_iter(), q);
-                pairs.evaluate(at.transport, vertices, samples, lenders, counts);
-                let radiance = weighted(pairs.borrowed_by(*borrower) - before, &samples[*borrower as usize]);
+            let lit: Vec<u32> = lit.collect();
+            pairs.evaluate(at.transport, vertices, samples, (lenders, finds), counts);
+            for own in members.iter().map(|member| &samples[*member as usize]).filter(|own| lit.contains(&own.lender)) {
+                let before = pairs.borrowed[*borrower as usize];
+                pairs.push(group, members, [own.lender].into_iter());
+                pairs.evaluate(at.transport, vertices, samples, (lenders, finds), counts);
+                let radiance = weighted(pairs.borrowed[*borrower as usize] - before, &samples[*borrower as usize]);
                 loans.push(Loan { from: at.place(own.path), radiance });
             }
         }
-        pairs.evaluate(at.transport, vertices, samples, lenders, counts);
-        let borrowed = pairs.borrowed.chunks(pairs.groups.len().max(1));
-        for (sample, sums) in samples.iter().zip(borrowed) {
-            if sums.iter().all(|sum| *sum == Vec3::ZERO) {
+        pairs.evaluate(at.transport, vertices, samples, (lenders, finds), counts);
+        for (sample, sum) in samples.iter().zip(&pairs.borrowed) {
+            let own = lenders.get(sample.lender as usize).map_or(Vec3::ZERO, |own| own.beta * own.own / own.goes_on);
+            let radiance = weighted(*sum, sample) + own;
+            if radiance == Vec3::ZERO {
                 continue;
             }
-            let mut by_group = [Vec3::ZERO; MAX_GROUPS];
-            for (group, sum) in pairs.groups.iter().zip(sums) {
-                by_group[*group] = weighted(*sum, sample);
-            }
-            let radiance = by_group.iter().sum::<Vec3>();
             if !radiance.is_finite() {
                 non_finite.add(sample.path);
                 continue;
             }
             light[sample.path as usize] += radiance;
-            clients.borrowed(at, &BorrowedLight { path: sample.path, index: sample.index, radiance, by_group });
+            clients.borrowed(at, &BorrowedLight { path: sample.path, index: sample.index, radiance });
         }
     }
 }
@@ -258,12 +288,17 @@ impl<E: PathEvents> PathEvents for PathLight<'_, E> {
 
     #[inline]
     fn emission(&mut self, at: &WaveContext, rays: &PathRays, found: &FoundEmission) {
-        if at.depth > 1 {
-            let number = (rays.first + found.ray) as usize - at.paths.len();
-            if let Some(lender) = self.lending.lender(number) {
-                lender.add(found.group, found.radiance);
+        let ray = rays.first + found.ray;
+        if at.depth == 2 {
+            let light_pdf = weighted_light_pdf(at, rays, found.ray as usize, found.pdf);
+            if self.lending.find(at, ray, NEXT, (found.radiance, light_pdf)) {
                 return;
             }
+        } else if at.depth > 2
+            && let Some(lender) = self.lending.lender(at, ray)
+        {
+            lender.beyond += found.radiance;
+            return;
         }
         self.radiance[rays.path[found.ray as usize] as usize] += found.radiance;
         self.clients.emission(at, rays, found);
@@ -278,6 +313,11 @@ impl<E: PathEvents> PathEvents for PathLight<'_, E> {
         samples: &LightSampleGroup,
     ) {
         self.clients.light_samples(at, vertices, group, samples);
+        let lending = &mut *self.lending;
+        if lending.active && at.depth == 1 {
+            grow(&mut lending.light_pdf, samples.first_row);
+            store(&mut lending.light_pdf, samples.first_row, samples.survivors.compress(samples.weighted_pdf));
+        }
     }
 
     #[inline]
@@ -297,29 +337,33 @@ impl<E: PathEvents> PathEvents for PathLight<'_, E> {
             let lender = lending.lender_of[*ray as usize - at.paths.len()];
             lending.lender_of.push(lender);
             if let Some(lender) = lending.lenders.get_mut(lender as usize).filter(|_| at.depth == 1) {
-                lender.directions[2] = wi.lane(lane);
+                lender.directions[NEXT] = wi.lane(lane);
             }
         }
     }
 
     #[inline]
     fn unoccluded(&mut self, at: &WaveContext, shadows: &ShadowRays, found: &UnoccludedLight) {
-        if at.depth > 0 {
-            let number = shadows.ray[found.row] as usize - at.paths.len();
-            if let Some(lender) = self.lending.lender(number) {
-                let group = at.transport.sampled_group(shadows.light(found.row));
-                if at.depth == 1 {
-                    let i = usize::from(shadows.kind(found.row) == LightKind::Punctual);
-                    (lender.sampled[i], lender.groups[i]) = (found.radiance, group);
-                    lender.lit |= 1 << group;
-                    lender.directions[i] = shadows.rays.direction(found.row);
-                } else {
-                    lender.add(group, found.radiance);
-                }
+        let (row, ray, lending) = (found.row, shadows.ray[found.row], &mut *self.lending);
+        if at.depth == 1 {
+            let (direction, light_pdf) = match shadows.kind(row) {
+                LightKind::Punctual => (PUNCTUAL, 1.0),
+                _ => (LIGHT, lending.light_pdf.get(row).copied().unwrap_or(0.0)),
+            };
+            if lending.find(at, ray, direction, (found.radiance, light_pdf)) {
+                lending
+                    .lender(at, ray)
+                    .into_iter()
+                    .for_each(|own| own.directions[direction] = shadows.rays.direction(row));
                 return;
             }
+        } else if at.depth > 1
+            && let Some(lender) = lending.lender(at, ray)
+        {
+            lender.beyond += found.radiance;
+            return;
         }
-        self.radiance[shadows.path[found.row] as usize] += found.radiance;
+        self.radiance[shadows.path[row] as usize] += found.radiance;
         self.clients.unoccluded(at, shadows, found);
     }
 }

@@ -1,23 +1,24 @@
 //! Pairs of first and second surfaces.
 //!
-//! A pair takes part if both surfaces are diffuse enough and opaque, if the direction is no mirror image, if the second surface
-//! is seen from its side and with a normal that need not be bent, and if nothing lies in between. These are properties of the
-//! pair alone, whichever path has found it, so that the balance heuristic may leave out the others.
+//! A pair takes part if both surfaces are diffuse enough and opaque, if the path of x would go on in that direction (f is not
+//! zero) and it is no mirror image, if the second surface is seen from its side and with a normal that need not be bent, and if
+//! nothing lies in between. These are properties of the pair alone, whichever path has found it, so that the balance heuristic
+//! may leave out the others.
 
 use std::ops::Range;
 
 use glam::Vec3;
 use wide::bytemuck::cast;
 
-use super::lenders::{FirstSample, Lender};
-use crate::bsdf::{Core, Lobe, Parameters};
+use super::groups::Group;
+use super::is_rough;
+use super::lenders::{DIRECTIONS, Find, FirstSample, Lender, NEXT, PUNCTUAL};
+use crate::bsdf::{Core, Lobe, MIN_ROUGH_ALPHA, Parameters};
 use crate::integrator::data::counts::{WaveCounts, timed};
-use crate::integrator::data::history::MIRROR_PDF;
-use crate::integrator::data::light_groups::MAX_GROUPS;
 use crate::integrator::data::proposal::Reuse;
 use crate::integrator::data::transport::Transport;
 use crate::integrator::data::vertices::Vertices;
-use crate::integrator::stages::mixture::{self, Mixture};
+use crate::integrator::stages::mixture::Mixture;
 use crate::integrator::surface::shading_normal;
 use crate::lanes::{F, LANES, Rows, Survivors, U, V3, V3Column, eight, grow, load_bits, mask, store};
 use crate::rays::{RayBatch, RayOrder};
@@ -27,34 +28,44 @@ const FULL: usize = 2048;
 /// Maximum times eight members of a group.
 const MAX_BLOCKS: usize = Reuse::MAX_GROUP as usize / LANES;
 
-/// Mask of the vertices that may borrow light: on rough, opaque surfaces, in no medium that absorbs.
+/// Albedo of sharp lobes, over that of rough ones, from which a second surface counts as sharp.
+const MIN_SHARP: f32 = 0.1;
+
+/// Masks of the vertices that may borrow light, on rough, opaque surfaces, in no medium that absorbs; and of those with sharp
+/// lobes.
 #[inline(never)]
-pub fn borrows(vertices: &Vertices, rows: &Rows) -> F {
-    fn is_rough(bsdf: &impl Lobe) -> F {
-        mixture::is_diffuse(bsdf) & !bsdf.transmits()
+fn are_rough(vertices: &Vertices, rows: &Rows) -> [F; 2] {
+    fn masks(bsdf: &impl Lobe) -> [F; 2] {
+        let [rough, sharp] = bsdf.albedos();
+        [rough.simd_ge(sharp) & !bsdf.transmits(), sharp.simd_gt(rough * F::splat(MIN_SHARP))]
     }
-    let outside = vertices.media.as_ref().map(|[own, _]| cast::<U, F>(load_bits(own, rows).simd_eq(U::ZERO)));
-    let rough = match vertices.core() {
-        Some(columns) => is_rough(&Core::load(columns, rows)),
-        None => is_rough(&vertices.bsdf(rows)),
+    let [rough, sharp] = match vertices.core() {
+        Some(columns) => masks(&Core::load(columns, rows)),
+        None => masks(&vertices.bsdf(rows)),
     };
-    outside.map_or(rough, |outside| rough & outside)
+    let outside = vertices.media.as_ref().map(|[own, _]| cast::<U, F>(load_bits(own, rows).simd_eq(U::ZERO)));
+    [outside.map_or(rough, |outside| rough & outside), sharp]
 }
 
-/// Mask of the vertices that may lend light to the side of `wo`.
+/// Mask of the vertices that may borrow light.
+pub fn borrows(vertices: &Vertices, rows: &Rows) -> F {
+    are_rough(vertices, rows)[0]
+}
+
+/// Masks of the vertices that may lend light to the side of `wo`, and of those with sharp lobes.
 #[inline(never)]
-pub fn lends(vertices: &Vertices, rows: &Rows) -> F {
+pub fn lends(vertices: &Vertices, rows: &Rows) -> [F; 2] {
     let (ng, ns, wo) = (vertices.ng.load(rows), vertices.ns.load(rows), vertices.wo.load(rows));
-    borrows(vertices, rows) & shading_normal::is_clear(ng, ns, wo)
+    let [rough, sharp] = are_rough(vertices, rows);
+    [rough & shading_normal::is_clear(ng, ns, wo), sharp]
 }
 
-/// A group whose pairs are in the batch: its members and its lit lenders, as ranges of [`Pairs::members`] and [`Pairs::lenders`].
+/// The pairs of a group in the batch: its members and its lit lenders, as ranges of [`Pairs::members`] and [`Pairs::lenders`].
 #[derive(Debug)]
-struct Group {
+struct Batch {
     members: Range<usize>,
     lenders: Range<usize>,
-    /// Fraction of the members that go on.
-    q: f32,
+    group: Group,
 }
 
 /// Eight members of a group at their first surfaces. All lenders of the group meet them: they are gathered once.
@@ -67,6 +78,7 @@ struct Block<'a, B> {
     ng: V3,
     ns: V3,
     wo: V3,
+    beta: V3,
     bsdf: B,
     mixture: Option<Mixture<'a>>,
 }
@@ -84,37 +96,31 @@ struct Second<'a, B> {
 /// The pairs of a batch. Those of a lender lie in consecutive rows, from a multiple of [`LANES`] on.
 #[derive(Debug, Default)]
 pub struct Pairs {
-    batch: Vec<Group>,
+    batch: Vec<Batch>,
     members: Vec<u32>,
     lenders: Vec<u32>,
     /// Rows of the batch.
     rows: usize,
-    /// The groups of lights in the scene.
-    pub groups: Vec<usize>,
-    /// Density of the direction in area measure; zero where the pair takes no part.
+    /// Density in area measure with which x goes on to y and from there; zero where the pair takes no part.
     pdf: Vec<f32>,
-    /// By group of lights, what is lent, but for the divisor; without meaning where the lender has none of it.
-    radiance: [V3Column; MAX_GROUPS],
+    /// Density per solid angle of the directions at y, by [`Lender::mixture`]; without meaning for directions without light.
+    bsdf_pdf: [Vec<f32>; DIRECTIONS],
+    /// What x borrows of incident radiance from these directions, but for the divisor; as above.
+    value: [V3Column; DIRECTIONS],
     /// Visibility rays, and their pairs.
     rays: RayBatch,
     pair_of: Vec<u32>,
     occluded: Vec<bool>,
-    /// By sample and then by `groups`, what it borrows, for a throughput of one.
+    /// By sample, what it borrows, for a throughput of one, linear RGB.
     pub borrowed: Vec<Vec3>,
 }
 
 impl Pairs {
     /// Begins with nothing borrowed.
-    pub fn begin(&mut self, transport: &Transport, samples: usize) {
-        let lights = transport.lights;
-        let punctual = lights.punctual || lights.sized.is_some();
-        let kinds = [lights.environment.is_some(), lights.area.is_some(), punctual];
-        let is_used = transport.groups.as_ref().map_or(&kinds[..], |table| &table.is_used);
-        self.groups.clear();
-        self.groups.extend((0..is_used.len()).filter(|group| is_used[*group]));
+    pub fn begin(&mut self, samples: usize) {
         self.clear();
         self.borrowed.clear();
-        self.borrowed.resize(samples * self.groups.len(), Vec3::ZERO);
+        self.borrowed.resize(samples, Vec3::ZERO);
     }
 
     fn clear(&mut self) {
@@ -124,22 +130,16 @@ impl Pairs {
         self.rows = 0;
     }
 
-    /// Adds all pairs of a group's `members` with those of the `lenders` that have something to lend. `q` is the fraction of the
-    /// members that go on.
-    pub fn push(&mut self, members: &[u32], lit: impl Iterator<Item = u32>, q: f32) {
+    /// Adds all pairs of a group's `members` with those of the `lenders` that have something to lend.
+    pub fn push(&mut self, group: Group, members: &[u32], lit: impl Iterator<Item = u32>) {
         let starts = [self.members.len(), self.lenders.len()];
         self.lenders.extend(lit);
         let lenders = starts[1]..self.lenders.len();
         if !lenders.is_empty() {
             self.members.extend(members);
             self.rows += lenders.len() * members.len().next_multiple_of(LANES);
-            self.batch.push(Group { members: starts[0]..self.members.len(), lenders, q });
+            self.batch.push(Batch { members: starts[0]..self.members.len(), lenders, group });
         }
-    }
-
-    /// All that a sample borrows so far, for a throughput of one.
-    pub fn borrowed_by(&self, sample: u32) -> Vec3 {
-        self.borrowed[sample as usize * self.groups.len()..][..self.groups.len()].iter().sum()
     }
 
     /// Is it time to evaluate them?
@@ -153,27 +153,30 @@ impl Pairs {
         transport: &Transport,
         vertices: &[Vertices; 2],
         samples: &[FirstSample],
-        lenders: &mut [Lender],
+        (lenders, finds): (&mut [Lender], &mut [Find]),
         counts: &mut WaveCounts,
     ) {
+        let [.., samples_per_path] = transport.deeper_samples_per_path();
         grow(&mut self.pdf, self.rows);
-        self.groups.iter().for_each(|group| self.radiance[*group].grow(self.rows));
+        self.bsdf_pdf.iter_mut().for_each(|column| grow(column, self.rows));
+        self.value.iter_mut().for_each(|column| column.grow(self.rows));
         self.rays.open(self.rows, false);
         self.pair_of.clear();
         let batch = std::mem::take(&mut self.batch);
         let [from, to] = vertices;
         let mut row = 0;
-        for group in &batch {
+        for of_group in &batch {
             let at = (transport, vertices, samples);
+            let found = (&mut *lenders, &mut *finds);
             row = match (from.core(), to.core()) {
                 (Some(x), Some(y)) => {
-                    self.group(at, lenders, group, row, |rows| Core::load(x, rows), |rows| Core::load(y, rows))
+                    self.group(at, found, of_group, row, |rows| Core::load(x, rows), |rows| Core::load(y, rows))
                 }
-                _ => self.group(at, lenders, group, row, |rows| from.bsdf(rows), |rows| to.bsdf(rows)),
+                _ => self.group(at, found, of_group, row, |rows| from.bsdf(rows), |rows| to.bsdf(rows)),
             };
         }
         self.batch = batch;
-        let Self { batch, rays, pair_of, occluded, pdf, radiance, borrowed, groups, members, .. } = self;
+        let Self { batch, rays, pair_of, occluded, pdf, bsdf_pdf, value, borrowed, members, .. } = self;
         rays.close(pair_of.len());
         counts.shadow_rays += rays.len() as u64;
         counts.shared_rays += rays.len() as u64;
@@ -184,16 +187,25 @@ impl Pairs {
             .filter(|(_, occluded)| **occluded)
             .for_each(|(pair, _)| pdf[*pair as usize] = 0.0);
         let mut start = 0;
-        for group in &*batch {
-            let members = &members[group.members.clone()];
-            for lender in &self.lenders[group.lenders.clone()] {
+        for of_group in &*batch {
+            let members = &members[of_group.members.clone()];
+            for lender in &self.lenders[of_group.lenders.clone()] {
+                let lender = &lenders[*lender as usize];
                 let rows = start..start + members.len();
                 start = rows.start + members.len().next_multiple_of(LANES);
-                let scale = 1.0 / (group.q * pdf[rows.clone()].iter().sum::<f32>());
-                let lit = lenders[*lender as usize].lit;
-                for (i, light) in groups.iter().enumerate().filter(|(_, light)| lit >> **light & 1 == 1) {
+                let all: f32 = pdf[rows.clone()].iter().sum();
+                let divisors: [f32; DIRECTIONS] = std::array::from_fn(|i| {
+                    let terms = pdf[rows.clone()].iter().zip(&bsdf_pdf[i][rows.clone()]);
+                    if i == PUNCTUAL { 0.0 } else { samples_per_path * terms.map(|(a, b)| a * b).sum::<f32>() }
+                });
+                let mut light = [Vec3::ZERO; DIRECTIONS];
+                light[NEXT] = over(lender.beyond, divisors[NEXT]);
+                for find in lender.finds(finds) {
+                    light[find.direction] += over(find.radiance, find.light_pdf.mul_add(all, divisors[find.direction]));
+                }
+                for i in (0..DIRECTIONS).filter(|i| lender.directions[*i] != Vec3::ZERO) {
                     for (row, sample) in rows.clone().zip(members).filter(|(row, _)| pdf[*row] > 0.0) {
-                        borrowed[*sample as usize * groups.len() + i] += radiance[*light].get(row) * scale;
+                        borrowed[*sample as usize] += value[i].get(row) * light[i];
                     }
                 }
             }
@@ -206,21 +218,35 @@ impl Pairs {
     fn group<B: Lobe>(
         &mut self,
         (transport, [from, to], samples): (&Transport, &[Vertices; 2], &[FirstSample]),
-        lenders: &mut [Lender],
-        group: &Group,
+        (lenders, finds): (&mut [Lender], &mut [Find]),
+        Batch { members, lenders: of_group, group }: &Batch,
         mut row: usize,
         first_bsdf: impl Fn(&Rows) -> B,
         second_bsdf: impl Fn(&Rows) -> B,
     ) -> usize {
-        let members = &self.members[group.members.clone()];
-        let of_group = group.lenders.clone();
+        let members = &self.members[members.clone()];
+        let [.., samples_per_path] = transport.deeper_samples_per_path();
         for lit in self.lenders[of_group.clone()].chunks(LANES) {
             let lane_of = |lane: usize| lit[lane.min(lit.len() - 1)] as usize;
             let y = Rows::Each(eight(|lane| lenders[lane_of(lane)].y));
             let (ns, wo, bsdf) = (to.ns.load(&y), to.wo.load(&y), second_bsdf(&y));
-            let values =
-                [0, 1, 2].map(|i| value(&bsdf, ns, wo, V3::gather(eight(|lane| lenders[lane_of(lane)].directions[i]))));
-            (0..lit.len()).for_each(|lane| lenders[lane_of(lane)].divide(values.map(|value| value.lane(lane))));
+            let mixture = Mixture::at(transport, to, &y);
+            for i in 0..DIRECTIONS {
+                let wi = V3::gather(eight(|lane| lenders[lane_of(lane)].directions[i]));
+                let (all, _) = value(&bsdf, ns, wo, wi, F::ZERO);
+                let (lent, pdf) = value(&bsdf, ns, wo, wi, F::splat(MIN_ROUGH_ALPHA));
+                let parts = match &mixture {
+                    _ if i == PUNCTUAL => [F::ZERO; 2],
+                    Some(mixture) => mixture.parts(wi),
+                    None => [F::ONE, F::ZERO],
+                };
+                let pdf = parts[0].mul_add(pdf, parts[1]) * F::splat(samples_per_path);
+                for (lane, lender) in lit.iter().enumerate() {
+                    let lender = &mut lenders[*lender as usize];
+                    lender.mixture[i] = parts.map(|part| part.as_array()[lane]);
+                    lender.weigh(finds, i, [all.lane(lane), lent.lane(lane)], pdf.as_array()[lane]);
+                }
+            }
         }
         let block = |i: usize| {
             let members = members.get(i * LANES..)?.chunks(LANES).next()?;
@@ -233,19 +259,20 @@ impl Pairs {
                 ng: from.ng.load(&x),
                 ns: from.ns.load(&x),
                 wo: from.wo.load(&x),
+                beta: from.beta.load(&x),
                 bsdf: first_bsdf(&x),
                 mixture: Mixture::at(transport, from, &x),
             })
         };
         let blocks: [_; MAX_BLOCKS] = std::array::from_fn(block);
-        for i in of_group {
+        for i in of_group.clone() {
             let index = self.lenders[i];
             let lender = &lenders[index as usize];
             let y = Rows::Each([lender.y; LANES]);
             let (position, ng, ns) = (to.origin.load(&y), to.ng.load(&y), to.ns.load(&y));
             let second = Second { lender, index, position, ng, ns, bsdf: second_bsdf(&y) };
             for block in blocks.iter().flatten() {
-                self.eight(block, &second, row);
+                self.eight(transport, group, block, &second, row);
                 row += LANES;
             }
         }
@@ -254,7 +281,7 @@ impl Pairs {
 
     /// Evaluates eight pairs.
     #[inline(always)]
-    fn eight<B: Lobe>(&mut self, x: &Block<B>, y: &Second<B>, row: usize) {
+    fn eight<B: Lobe>(&mut self, transport: &Transport, group: &Group, x: &Block<B>, y: &Second<B>, row: usize) {
         let way = y.position - x.origin;
         let distance2 = way.length_squared();
         let wi = way.normalize_or(V3::ZERO);
@@ -267,21 +294,18 @@ impl Pairs {
             & x.ng.dot(wi).simd_gt(F::ZERO)
             & cos_y.simd_gt(F::ZERO)
             & pdf.simd_gt(F::ZERO)
-            & bsdf_pdf.simd_lt(F::splat(MIRROR_PDF))
+            & (x.beta * f).max_element().simd_gt(F::ZERO)
+            & is_rough(transport, pdf, bsdf_pdf)
             & shading_normal::is_clear(y.ng, y.ns, wo);
         let to_area = cos_y / distance2;
-        store(&mut self.pdf, row, takes_part & (pdf * to_area));
-        let Lender { directions, sampled, groups, beyond, lit, .. } = y.lender;
-        // A direction of zero length stands for none: nothing was found there.
-        let values = directions.map(|wi| match wi == Vec3::ZERO {
-            true => V3::ZERO,
-            false => value(&y.bsdf, y.ns, wo, V3::splat(wi)),
-        });
+        let goes_on = group.goes_on(distance2, y.lender.sharp);
+        store(&mut self.pdf, row, takes_part & (pdf * to_area * goes_on));
         let weight = f * to_area;
-        for &group in self.groups.iter().filter(|group| lit >> **group & 1 == 1) {
-            let from = |i: usize| if usize::from(groups[i]) == group { sampled[i] } else { Vec3::ZERO };
-            let light = values[0] * V3::splat(from(0)) + values[1] * V3::splat(from(1));
-            self.radiance[group].store(row, weight * (light + values[2] * V3::splat(beyond[group])));
+        for i in (0..DIRECTIONS).filter(|i| y.lender.directions[*i] != Vec3::ZERO) {
+            let (lent, pdf) = value(&y.bsdf, y.ns, wo, V3::splat(y.lender.directions[i]), F::splat(MIN_ROUGH_ALPHA));
+            let [factor, summand] = y.lender.mixture[i].map(F::splat);
+            store(&mut self.bsdf_pdf[i], row, factor.mul_add(pdf, summand));
+            self.value[i].store(row, weight * lent);
         }
         let traced = takes_part & cast::<U, F>(!x.own.simd_eq(U::splat(y.index)));
         let survivors = Survivors::of(traced);
@@ -292,8 +316,13 @@ impl Pairs {
     }
 }
 
-/// f cos of eight second surfaces.
+/// `radiance` over a divisor; zero where no pair takes part.
+fn over(radiance: Vec3, divisor: f32) -> Vec3 {
+    if divisor > 0.0 { radiance / divisor } else { Vec3::ZERO }
+}
+
+/// f cos of eight second surfaces, and the density of its sampling; of lobes whose α is at least `min_alpha`.
 #[inline(never)]
-fn value(bsdf: &impl Lobe, ns: V3, wo: V3, wi: V3) -> V3 {
-    bsdf.eval_pdf(ns, wo, wi).0
+fn value(bsdf: &impl Lobe, ns: V3, wo: V3, wi: V3, min_alpha: F) -> (V3, F) {
+    bsdf.eval_pdf_above(ns, wo, wi, min_alpha)
 }

@@ -139,6 +139,16 @@ pub fn limit(at: &WaveContext) -> f32 {
 /// lights.
 #[inline]
 pub fn mis_weight(at: &WaveContext, rays: &PathRays, ray: usize, pdf: [f32; 2]) -> f32 {
+    let weighted_light = weighted_light_pdf(at, rays, ray, pdf);
+    match weighted_light > 0.0 {
+        true => at.transport.heuristic.weight(rays.weighted_pdf[ray], weighted_light),
+        false => 1.0,
+    }
+}
+
+/// Density of light samples in the direction of a ray, times their number per path.
+#[inline]
+pub fn weighted_light_pdf(at: &WaveContext, rays: &PathRays, ray: usize, pdf: [f32; 2]) -> f32 {
     let WaveContext { transport, depth, .. } = *at;
     let [a_env, a_area, _] = match depth {
         1 => at.paths[rays.path[ray] as usize].samples_per_path,
@@ -147,9 +157,5 @@ pub fn mis_weight(at: &WaveContext, rays: &PathRays, ray: usize, pdf: [f32; 2]) 
     // At first surfaces, light samples are not subject to roulette.
     let has_roulette = depth > 1 && transport.proposal.has_roulette();
     let probability = if has_roulette { rays.light_probability[ray] } else { 1.0 };
-    let weighted_light = probability * (a_env * pdf[0] + a_area * pdf[1]);
-    match weighted_light > 0.0 {
-        true => transport.heuristic.weight(rays.weighted_pdf[ray], weighted_light),
-        false => 1.0,
-    }
+    probability * (a_env * pdf[0] + a_area * pdf[1])
 }

@@ -53,7 +53,8 @@ struct Drawn {
 /// Mask of the lanes whose BSDF is diffuse enough to be guided.
 #[inline(always)]
 pub fn is_diffuse(bsdf: &impl Lobe) -> F {
-    bsdf.diffuseness().simd_ge(F::ZERO)
+    let [rough, sharp] = bsdf.albedos();
+    rough.simd_ge(sharp)
 }
 
 /// [`is_diffuse`] of eight vertices.
@@ -104,6 +105,13 @@ impl<'a> Mixture<'a> {
     #[inline(always)]
     pub fn pdf(&self, wi: V3, bsdf_pdf: F) -> F {
         self.mix(bsdf_pdf, self.field.density(self.cells, mask(LANES), wi) / steradians(wi))
+    }
+
+    /// The same for BSDF densities that are not known yet: a factor of theirs, and a summand.
+    #[inline(always)]
+    pub fn parts(&self, wi: V3) -> [F; 2] {
+        let field_pdf = self.field.density(self.cells, mask(LANES), wi) / steradians(wi);
+        [F::ONE - self.field_fraction, self.field_fraction * field_pdf]
     }
 
     #[inline(always)]
