@@ -2,12 +2,13 @@
 
 use std::sync::Arc;
 
-use bismar::film::Pixels;
+use bismar::film::{Pixels, exr_file};
 use bismar::rays::Backend;
 use bismar::render::{Balance, Choice, RenderSettings, Technique};
 use bismar::scene::{Environment, Material, PunctualKind, PunctualLight, Scene};
 use glam::Vec3;
 
+use crate::helpers::program::{Folder, expect};
 use crate::helpers::stage::{Stage, add, area_light, lambert, look, metal, punctual, rectangle, sphere};
 use crate::helpers::statistics::{Mean, z_limit};
 use crate::motion::pixel_means;
@@ -135,6 +136,46 @@ fn what_sharp_lobes_of_second_surfaces_scatter_is_not_noisier() {
         let [alone, shared] = [settings(), sharing("16:4", settings())].map(|of| variance(&stage, &of, 40));
         // Known to about 3 %. Fireflies of lobes that are lent whole make it 3 to 250.
         assert!(shared < 1.15 * alone, "{}: {material:?}", shared / alone);
+    }
+}
+
+/// Of dim walls lit through a slit, where tiles could be seen.
+#[test]
+fn means_of_tiles_are_not_much_noisier_than_those_of_unrelated_pixels() {
+    const REPLICAS: u32 = 6;
+    let folder = Folder::new().with_scene("slit.glb", "study/slit.glb").with_scene("slit.hdr", "study/slit.hdr");
+    let pictures = |flags: &str| -> Vec<Vec<f64>> {
+        let render = |seed| {
+            let line =
+                format!("render slit.glb --env slit.hdr --size 96x64 --seed {seed} --aov none -q -o a.exr {flags}");
+            expect(&folder, &line, 0);
+            exr_file::read(&folder.join("a.exr")).unwrap().rgb.iter().map(|rgb| f64::from(rgb[1])).collect()
+        };
+        (0..REPLICAS).map(render).collect()
+    };
+    for paths in [16, 64] {
+        let [alone, plain] = ["--balance half --adaptive off --guiding off --path-reuse off", ""]
+            .map(|flags| pictures(&format!("--spp {paths} {flags}")));
+        let mean = |x: usize| alone.iter().chain(&plain).map(|all| all[x]).sum::<f64>() / f64::from(2 * REPLICAS);
+        let weights: Vec<f64> = (0..96 * 64).map(|x| 1.0 / (mean(x).powi(2) + 0.01).sqrt()).collect();
+        // Sums of squares of what differs from the mean over the replicas, in the mean over blocks of `side` pixels.
+        let squares = |all: &[Vec<f64>], side: usize| {
+            let block = |picture: &[f64], at: usize| {
+                let (x0, y0) = (at % (96 / side) * side, at / (96 / side) * side);
+                let pixels = (y0..y0 + side).flat_map(|y| (x0..x0 + side).map(move |x| 96 * y + x));
+                pixels.map(|i| picture[i] * weights[i]).sum::<f64>()
+            };
+            let of_block = |at| {
+                all.iter().fold(Mean::default(), |mut all, picture| {
+                    all.add(block(picture, at));
+                    all
+                })
+            };
+            (0..96 * 64 / side.pow(2)).map(|at| of_block(at).standard_error().powi(2)).sum::<f64>()
+        };
+        // 24 tiles of 6 replicas: the ratio is known to about a quarter.
+        let ratio = squares(&plain, 16) / squares(&alone, 1);
+        assert!(ratio < 2.0 * 1.5, "{paths} paths: {ratio}");
     }
 }
 

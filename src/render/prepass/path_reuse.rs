@@ -84,17 +84,17 @@ impl PathReuse {
         let tiles = (f64::from(grid[0] * grid[1]) / share).clamp(min, max) as u32;
         let all = spread(grid, 2 * tiles);
         let (first_step, second_step) = all.split_at(tiles as usize);
-        let [usual, more] = Reuse::USUAL.map(Some);
-        let first = compare(transport, settings, first_step, &[None, usual], stopped)?[0];
-        debug!("path re-use by {usual:?}: {first:?}");
+        let usual = Reuse::usual(settings.expected_spp());
+        let ways: Vec<Way> = std::iter::once(None).chain(usual.iter().copied().map(Some)).collect();
+        let first = compare(transport, settings, first_step, &ways[..2], stopped)?[0];
+        debug!("path re-use by {}: {first:?}", usual[0]);
         let (mut remaining, mut sizes) = (first.remaining, None);
         if first.remaining < effort::MAX_REMAINING_SHARED * (STANDARD_ERRORS * first.standard_error).exp() {
-            let found = compare(transport, settings, second_step, &[None, usual, more], stopped)?;
-            debug!("path re-use by {usual:?} and {more:?}: {found:?}");
-            let (best, way) =
-                if found[0].remaining < found[1].remaining { (found[0], usual) } else { (found[1], more) };
+            let found = compare(transport, settings, second_step, &ways, stopped)?;
+            debug!("path re-use by {usual:?}: {found:?}");
+            let (way, best) = usual.iter().zip(found).min_by(|(_, a), (_, b)| a.remaining.total_cmp(&b.remaining))?;
             remaining = best.remaining;
-            sizes = way.filter(|_| {
+            sizes = Some(*way).filter(|_| {
                 best.remaining * (STANDARD_ERRORS * best.standard_error).exp() < effort::MAX_REMAINING_SHARED
             });
         }

@@ -34,8 +34,19 @@ pub struct Reuse {
 impl Reuse {
     /// Largest group.
     pub const MAX_GROUP: u32 = 64;
-    /// Sizes that suit most scenes: where few paths find the light, and where most do.
-    pub const USUAL: [Self; 2] = [Self { group: 64, traced: 16 }, Self { group: 64, traced: 32 }];
+
+    /// Sizes that suit most scenes with so many paths per pixel. The fewer go on, the more the errors of a tile have in common:
+    /// with few paths per pixel, tiles could be seen.
+    pub fn usual(paths: u32) -> &'static [Self] {
+        const fn of(traced: u32) -> Reuse {
+            Reuse { group: 64, traced }
+        }
+        match paths {
+            64.. => const { &[of(16), of(32)] },
+            32.. => const { &[of(32)] },
+            _ => const { &[of(64)] },
+        }
+    }
 
     /// How many samples of a group of `members` go on: the same share, at least one.
     pub fn traced_of(self, members: usize) -> usize {
@@ -45,7 +56,7 @@ impl Reuse {
 
 impl Default for Reuse {
     fn default() -> Self {
-        Self::USUAL[0]
+        Self { group: 64, traced: 16 }
     }
 }
 
