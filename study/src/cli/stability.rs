@@ -42,7 +42,7 @@ enum Methods {
     Balance,
     /// --guiding: F19 to F23
     Guiding,
-    /// --path-reuse: F26 to F29
+    /// --path-reuse: F26 to F32
     PathReuse,
 }
 

@@ -34,7 +34,7 @@ use simulate::{Biased, Unsafe, replica};
 /// A failure mode and the results of the estimators in it.
 #[derive(Debug, Clone, Serialize)]
 pub struct ModeResult {
-    /// F1 … F29.
+    /// F1 … F32.
     pub mode: &'static str,
     pub name: &'static str,
     /// Description of the case.
@@ -114,7 +114,7 @@ pub struct Found {
     pub balance: Option<Results>,
     /// F19 … F23.
     pub guiding: Option<Results>,
-    /// F26 … F29.
+    /// F26 … F32.
     pub path_reuse: Option<Results>,
 }
 

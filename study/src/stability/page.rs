@@ -29,7 +29,7 @@ fn facts(results: &Results) -> Table {
 
 const LEAD: &str = "Which `--balance` is safe in the failure modes of adaptive sampling. The numbers are variances over those \
 of `half` with equal paths, in the worst pixel and colour channel: 1 is no harm, below 1 is a gain. `half` fails nothing. F19 to \
-F23 test path guiding, F26 to F29 path re-use.";
+F23 test path guiding, F26 to F32 path re-use.";
 const WORST: &str = "✗: a pixel exceeds the mode's bar by more than chance explains. ?: the worst pixel (± its standard error) \
 exceeds it, but chance may explain that. 1.00 may mean that a method learned nothing from so few samples, or nothing that it \
 trusted: see its shares below. `power` and `max` do not adapt; their losses come from their weights.";

@@ -27,7 +27,7 @@ pub const OTHER_SEEDS: u32 = 1 << 30;
 
 /// A failure mode on a scene.
 pub struct SceneCase {
-    /// F1 … F18, F24 … F29.
+    /// F1 … F18, F24 … F32.
     pub mode: &'static str,
     pub name: &'static str,
     /// Description of the scene.
