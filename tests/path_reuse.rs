@@ -2,14 +2,15 @@
 
 use std::sync::Arc;
 
-use bismar::film::{Pixels, exr_file};
+use bismar::film::compare::compare;
+use bismar::film::{Picture, Pixels, exr_file};
 use bismar::rays::Backend;
 use bismar::render::{Balance, Choice, RenderSettings, Technique};
 use bismar::scene::{Environment, Material, PunctualKind, PunctualLight, Scene};
 use glam::Vec3;
 
 use crate::helpers::program::{Folder, expect};
-use crate::helpers::stage::{Stage, add, area_light, lambert, look, metal, punctual, rectangle, sphere};
+use crate::helpers::stage::{Stage, add, area_light, closed_box, lambert, look, metal, punctual, rectangle, sphere};
 use crate::helpers::statistics::{Mean, z_limit};
 use crate::motion::pixel_means;
 
@@ -226,27 +227,101 @@ fn paths_are_shared_where_it_pays() {
     }
 }
 
+/// A closed room under a dim lamp, with a small bright spot on a wall that the camera, above the floor, does not see.
+fn room_with_a_spot() -> Stage {
+    let mut scene = Scene::default();
+    closed_box(&mut scene, Vec3::splat(-1.0), Vec3::ONE, Material { double_sided: true, ..lambert(0.8) });
+    let spot = PunctualKind::Spot { inner: 0.018, outer: 0.02 };
+    scene.lights.push(punctual(spot, 100.0, Vec3::new(-0.9, 0.3, 0.0), Vec3::X));
+    scene.lights.push(punctual(PunctualKind::Point, 1.5e-4, Vec3::new(0.0, -0.6, 0.2), Vec3::NEG_Y));
+    look(&mut scene, Vec3::new(0.0, 0.5, 0.01), Vec3::new(0.0, -1.0, 0.0), 0.6);
+    Stage::new(Arc::new(scene), Backend::Embree)
+}
+
+/// Rare light decides when pixels stop, and those that share it must not decide for one another.
 #[test]
-fn the_variance_of_a_picture_s_mean_counts_how_its_pixels_are_related() {
-    const REPLICAS: u32 = 60;
-    let (stage, of) = (indirect_room(), sharing("16:4", RenderSettings { spp: Some(32), ..settings() }));
-    let (mut mean, mut estimates) = (Mean::default(), [Mean::default(), Mean::default()]);
-    for seed in 0..REPLICAS {
-        let of = RenderSettings { seed, ..of.clone() };
-        let rendered = stage.render(&of);
-        let (mut sum, mut variance, n) = (0.0, 0.0, f64::from(of.width * of.height));
-        for pixel in rendered.film().pixels {
-            sum += f64::from(pixel.mean()[1]);
-            variance += f64::from(pixel.variance_of_mean()[1]);
+fn a_noise_goal_makes_no_picture_darker_that_shares_rare_light() {
+    let stage = room_with_a_spot();
+    let of = RenderSettings { width: 16, height: 16, max_depth: 3, balance: Balance::Half, ..RenderSettings::even() };
+    let long = RenderSettings { spp: Some(2048), seed: 1 << 20, ..of.clone() };
+    let goal = RenderSettings { spp: Some(1024), noise: Some(0.1), ..of };
+    let (reference, mean) = (stage.mean_green(&long, 20), stage.mean_green(&sharing("64:16", goal), 60));
+    let z = mean.z_to(&reference);
+    assert!(z.abs() < z_limit(1), "{} for {}, z = {z}", mean.mean, reference.mean);
+}
+
+/// A room whose walls glow, which stratified points find well.
+fn glowing_room() -> Stage {
+    let mut scene = Scene::default();
+    closed_box(&mut scene, Vec3::splat(-1.0), Vec3::ONE, Material { double_sided: true, ..lambert(0.6) });
+    let glowing = Material { emissive: Vec3::splat(0.5), double_sided: true, ..lambert(0.6) };
+    rectangle(&mut scene, 0.99, [-1.0, 1.0], [-1.0, 1.0], false, glowing);
+    look(&mut scene, Vec3::new(0.0, 0.0, 0.6), Vec3::new(0.0, 0.0, -1.0), 0.8);
+    Stage::new(Arc::new(scene), Backend::Embree)
+}
+
+#[test]
+fn the_variance_of_a_picture_s_mean_counts_stratified_and_shared_paths() {
+    const REPLICAS: u32 = 100;
+    // Mean squares of z have a standard deviation of the root of 2 / 99 where variances are known; at four of them, 1e-4 of false
+    // alarms each. Of these it is the estimates' own error that is allowed for: 1.25 in variance.
+    let most = 1.25 * (1.0 + 4.0 * (2.0 / f64::from(REPLICAS - 1)).sqrt());
+    let smooth = glowing_room();
+    let lamp = Stage::new(room(lambert(0.7)), Backend::Embree);
+    let indirect = indirect_room();
+    for (name, stage, sizes) in [
+        ("smooth", &smooth, Some("64:16")),
+        ("smooth", &smooth, None),
+        ("lamp", &lamp, Some("16")),
+        ("lamp", &lamp, None),
+        ("indirect", &indirect, Some("16:4")),
+    ] {
+        let of = RenderSettings { spp: Some(32), ..settings() };
+        let of = sizes.map_or(of.clone(), |sizes| sharing(sizes, of.clone()));
+        let (mut mean, mut stated, mut independent, mut found) = (Mean::default(), 0.0, 0.0, Vec::new());
+        for seed in 0..REPLICAS {
+            let rendered = stage.render(&RenderSettings { seed, ..of.clone() });
+            let pixels = rendered.film().pixels;
+            let n = pixels.len() as f64;
+            let variance = pixels.iter().map(|pixel| f64::from(pixel.variance_of_mean()[1])).sum::<f64>() / n.powi(2);
+            let estimate = variance * rendered.mean_variance().unwrap().over_independent[1];
+            let own = pixels.iter().map(|pixel| f64::from(pixel.mean()[1])).sum::<f64>() / n;
+            mean.add(own);
+            (stated, independent) = (stated + estimate, independent + variance);
+            found.push((own, estimate));
         }
-        mean.add(sum / n);
-        let alone = variance / n.powi(2);
-        [alone, alone * rendered.related()].into_iter().zip(&mut estimates).for_each(|(v, all)| all.add(v));
+        let squares = found.iter().map(|(own, variance)| (own - mean.mean).powi(2) / variance).sum::<f64>();
+        let squares = squares / f64::from(REPLICAS - 1);
+        assert!(squares < most && squares > 1.0 / most, "{name} {sizes:?}: mean square of z {squares}");
+        println!("{name} {sizes:?}: {squares:.2}, stated {:.2} of independent", stated / independent);
     }
-    // A variance of 60 replicas has a relative standard deviation of the root of 2 / 59; at four of them, 3e-5 of false alarms.
-    let measured = mean.standard_error().powi(2) * f64::from(REPLICAS);
-    let most = 1.0 + 4.0 * (2.0 / f64::from(REPLICAS - 1)).sqrt();
-    let [alone, related] = estimates.map(|estimate| measured / estimate.mean);
-    assert!(related < most && related > 0.25, "{related}");
-    assert!(alone > most, "the test has too little to find: {alone}");
+}
+
+/// `compare`'s z of two pictures of one scene is a standard normal number.
+#[test]
+fn bias_z_has_unit_variance() {
+    const PAIRS: u32 = 50;
+    let (stage, of) = (glowing_room(), sharing("64:16", RenderSettings { spp: Some(32), ..settings() }));
+    let picture = |seed: u32| {
+        let rendered = stage.render(&RenderSettings { seed, ..of.clone() });
+        let film = rendered.film();
+        let window = [0, 0, i64::from(of.width), i64::from(of.height)];
+        Picture {
+            window,
+            display: window,
+            rgb: film.pixels.iter().map(|pixel| pixel.mean()).collect(),
+            variance: Some(film.pixels.iter().map(|pixel| pixel.variance_of_mean()).collect()),
+            alpha: None,
+            displayed: false,
+            mean_variance: rendered.mean_variance().unwrap().over_independent,
+        }
+    };
+    let z = |pair: u32| {
+        let [a, b] = [2 * pair, 2 * pair + 1].map(picture);
+        compare(&a, &b).unwrap().statistics.unwrap().bias_z[1]
+    };
+    let squares = (0..PAIRS).map(|pair| z(pair).powi(2)).sum::<f64>() / f64::from(PAIRS);
+    // Four standard deviations of the mean of 50 squares, and 1.25 as above.
+    let most = 1.25 * (1.0 + 4.0 * (2.0 / f64::from(PAIRS)).sqrt());
+    assert!(squares < most && squares > 1.0 / most, "{squares}");
 }

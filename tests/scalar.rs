@@ -110,6 +110,7 @@ fn each_path_of_a_wave_is_the_scalar_path() {
             counts,
             weighed,
             number: i,
+            class: 0,
         };
         let tasks: Vec<_> = (0..300).map(task).collect();
         let mut stats = vec![PixelStats::default(); tasks.len()];

@@ -389,7 +389,7 @@ impl RenderedPicture {
             variance: with_variance.then(|| each().map(|(x, y)| pixels.at(x, y).0.variance_of_mean()).collect()),
             alpha,
             displayed: false,
-            related: self.rendered.related(),
+            mean_variance: self.rendered.mean_variance().map_or([1.0; 3], |of| of.over_independent),
         }
     }
 }

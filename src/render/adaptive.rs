@@ -3,7 +3,7 @@
 //! A stop rule that looks at the samples that it stops is biased: pictures that have missed rare bright paths look clean,
 //! end early and are too dark. The pixels of a tile are therefore divided into eight groups, the positions in blocks of 2 x
 //! 4 pixels, and the number of paths of a group follows from the error of the next group. A pixel's own samples can affect
-//! it only through all eight groups, after as many decisions. Decisions are few: a group takes at once what it is expected
+//! it only through all eight groups, after as many decisions. So no paths are shared between groups either. Decisions are few: a group takes at once what it is expected
 //! to need, from half of its paths to three times as many.
 //!
 //! Where paths have found next to nothing, the estimate of the error says nothing: a pixel without a find has none, one with
@@ -38,6 +38,11 @@ pub struct NoiseGoal {
     pub min_paths: u32,
 }
 
+/// The group of a pixel of a tile, `width` a row.
+pub fn group_of(i: usize, width: usize) -> usize {
+    2 * (i / width % 4) + i % width % 2
+}
+
 /// The statistics of a tile's pixels, row by row.
 #[derive(Clone, Copy)]
 pub struct TileStats<'a> {
@@ -45,46 +50,27 @@ pub struct TileStats<'a> {
     pub stats: &'a [PixelStats],
     /// Pixels a row.
     pub width: usize,
-    /// Have the pixels been dealt different numbers of paths ([`deal`](super::deal))?
-    pub dealt: bool,
 }
 
 impl<'a> TileStats<'a> {
     /// Indices of a group's pixels.
     fn group(self, group: usize) -> impl Iterator<Item = usize> + Clone + 'a {
-        (0..self.stats.len()).filter(move |i| self.group_of(*i) == group)
+        (0..self.stats.len()).filter(move |i| group_of(*i, self.width) == group)
     }
 
-    fn group_of(self, i: usize) -> usize {
-        2 * (i / self.width % 4) + i % self.width % 2
-    }
-
-    /// Paths of each of a group's pixels, where they have been dealt their mean; 0 if it has none.
+    /// Paths of each of a group's pixels; 0 if it has none.
     fn paths_of(self, group: usize) -> u32 {
-        match self.dealt {
-            true => self.mean_paths(self.group(group)),
-            false => self.group(group).next().map_or(0, |i| self.stats[i].samples),
-        }
+        self.group(group).next().map_or(0, |i| self.stats[i].samples)
     }
 
-    /// Mean paths of these pixels, rounded down.
-    fn mean_paths(self, pixels: impl Iterator<Item = usize>) -> u32 {
-        let add = |(sum, n): (u64, u64), i: usize| (sum + u64::from(self.stats[i].samples), n + 1);
-        let (sum, n) = pixels.fold((0, 0), add);
-        (sum / n.max(1)) as u32
-    }
-
-    /// Most paths of a pixel, where they have been dealt their mean.
+    /// Most paths of a pixel.
     pub fn paths(self) -> u32 {
-        match self.dealt {
-            true => self.mean_paths(0..self.stats.len()),
-            false => (0..GROUPS).map(|group| self.paths_of(group)).max().unwrap_or(0),
-        }
+        (0..GROUPS).map(|group| self.paths_of(group)).max().unwrap_or(0)
     }
 
-    /// Have the pixels of each group as many paths, or have they been dealt?
+    /// Have the pixels of each group as many paths?
     pub fn is_whole(self) -> bool {
-        self.dealt || (0..self.stats.len()).all(|i| self.stats[i].samples == self.paths_of(self.group_of(i)))
+        (0..self.stats.len()).all(|i| self.stats[i].samples == self.paths_of(group_of(i, self.width)))
     }
 
     /// Paths that each pixel of a group should have, by the error of the next group that has pixels.
@@ -142,7 +128,7 @@ impl<'a> TileStats<'a> {
 
     /// The same for each pixel.
     pub fn deal(self, groups: [u32; GROUPS]) -> Vec<u32> {
-        (0..self.stats.len()).map(|i| groups[self.group_of(i)]).collect()
+        (0..self.stats.len()).map(|i| groups[group_of(i, self.width)]).collect()
     }
 
     /// Has every group reached the goal?
@@ -158,15 +144,6 @@ mod tests {
     use super::*;
     use crate::sampling::SplitMix64;
 
-    #[test]
-    fn dealt_pixels_count_by_their_mean() {
-        let stats: Vec<_> = (0..256).map(|i| pixel(1.0, if i % 16 < 8 { 32 } else { 96 })).collect();
-        let tile = |dealt| TileStats { stats: &stats, width: 16, dealt };
-        assert_eq!((tile(true).paths(), tile(true).is_whole(), tile(false).is_whole()), (64, true, false));
-        // Of each group half of the pixels have 32.
-        assert_eq!(tile(true).paths_for(64, Some(&NoiseGoal { min_paths: 65, ..GOAL })), [64; 8]);
-    }
-
     /// A pixel with a mean of 1 and this variance of its paths, after `n` of them.
     fn pixel(variance: f64, n: u32) -> PixelStats {
         let m = f64::from(n);
@@ -180,7 +157,7 @@ mod tests {
         // Relative variance 1.01 v over paths must come to 0.01: 100 v paths.
         let variances = [1e9, 0.3, 1.0, 4.0, 0.1, 0.1, 0.1, 0.1];
         let stats: Vec<_> = (0..256).map(|i| pixel(1.01 * variances[2 * (i / 16 % 4) + i % 2], 64)).collect();
-        let tile = TileStats { stats: &stats, width: 16, dealt: false };
+        let tile = TileStats { stats: &stats, width: 16 };
         assert!(tile.is_whole() && tile.paths() == 64);
         // Enough, 36 more, as much as the pass has.
         assert_eq!(tile.paths_for(192, Some(&GOAL)), [0, 36, 192, 0, 0, 0, 0, 192]);
@@ -204,7 +181,7 @@ mod tests {
             }
             stats
         };
-        let is_clean = |stats: &[PixelStats]| TileStats { stats, width: 16, dealt: false }.is_clean(&GOAL);
+        let is_clean = |stats: &[PixelStats]| TileStats { stats, width: 16 }.is_clean(&GOAL);
         for found in 0..4 {
             assert!(!is_clean(&tile_of(found, 64, 64)), "{found}");
         }
@@ -219,11 +196,8 @@ mod tests {
         for (pixels, width) in [(1, 1), (2, 1), (2, 2), (3, 1)] {
             for (variance, clean) in [(1e-3, true), (1e3, false)] {
                 let stats = vec![pixel(variance, 64); pixels];
-                assert_eq!(
-                    TileStats { stats: &stats, width, dealt: false }.is_clean(&GOAL),
-                    clean,
-                    "{pixels} {width} {variance}"
-                );
+                let tile = TileStats { stats: &stats, width };
+                assert_eq!(tile.is_clean(&GOAL), clean, "{pixels} {width} {variance}");
             }
         }
     }
@@ -244,7 +218,7 @@ mod tests {
                         pixel.add(glam::Vec3::splat(if bright { 101.0 } else { 1.0 }), true);
                     }
                 }
-                let seen = TileStats { stats: &stats, width: 8, dealt: false };
+                let seen = TileStats { stats: &stats, width: 8 };
                 let left = 512 - seen.paths();
                 dealt = next(seen, left.min(GROWTH * seen.paths()));
             }

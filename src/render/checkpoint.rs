@@ -17,8 +17,9 @@ use super::stats::{RenderStats, StopReason};
 use super::techniques::{Choice, Technique};
 use super::tile::{TILE, Tile};
 use crate::color::ColorSpace;
-use crate::film::exr_file::{self, Checksum, Header, HeaderValue, Layers, RELATED};
+use crate::film::exr_file::{self, Checksum, Header, HeaderValue, Layers, MEAN_VARIANCE, RELATED};
 use crate::film::{Aov, Background};
+use crate::integrator::clients::MeanVariance;
 use crate::rays::BackendInfo;
 use crate::{Error, Result};
 
@@ -68,7 +69,7 @@ impl Saved {
 }
 
 /// Version of the record and of the packed tiles. Files of other versions are not read.
-pub const FORMAT: u32 = 7;
+pub const FORMAT: u32 = 8;
 /// Header attribute with the seeds of a mean, in place of a record.
 const SEEDS: &str = "bismar.seeds";
 
@@ -206,9 +207,11 @@ impl Record {
             ("bismar.noise".into(), HeaderValue::Number(rendered.stats.noise)),
             ("bismar.background".into(), HeaderValue::Text(variant_name(&self.background))),
         ];
-        let related = rendered.related();
-        if related > 1.0 {
-            header.push((RELATED.into(), HeaderValue::Number(related)));
+        if let Some(MeanVariance { over_independent, related }) = rendered.mean_variance() {
+            header.push((MEAN_VARIANCE.into(), json(&over_independent)?));
+            if related > 1.0 {
+                header.push((RELATED.into(), HeaderValue::Number(related)));
+            }
         }
         if self.seeds.is_empty() {
             header.push(("bismar.format".into(), HeaderValue::Number(FORMAT.into())));

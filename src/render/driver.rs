@@ -333,13 +333,12 @@ impl Driver<'_> {
             pixels: tiles.iter().map(|tile| tile.pixels() as f64).sum::<f64>(),
             noise: stats.noise,
         };
-        let deals = self.allocation.is_some_and(Allocation::deals);
         let trace_tile = |(tile, paths): (&mut Tile, &u32)| {
             if meter.should_stop() {
                 return TileWork::default();
             }
             let transport = Transport { seed: pass_seed(settings, tile.paths()), ..transport.clone() };
-            let work = tile.pass(&transport, settings, *paths, deals);
+            let work = tile.pass(&transport, settings, *paths);
             (self.progress)(meter.add(&work));
             work
         };

@@ -8,7 +8,6 @@ mod build_info;
 pub mod camera;
 pub mod checkpoint;
 pub mod clipped;
-pub mod deal;
 pub mod decisions;
 pub mod default_light;
 pub mod driver;

@@ -10,6 +10,8 @@ use super::stats::{RenderStats, StopReason};
 use super::tile::Tile;
 use crate::film::compare::relative_to;
 use crate::film::{Background, Film};
+use crate::integrator::clients::MeanVariance;
+use crate::integrator::clients::mean_variance::mean_variance;
 
 /// A finished or stopped render.
 #[derive(Debug)]
@@ -51,11 +53,10 @@ impl Rendered {
         paths_range(&self.tiles)
     }
 
-    /// The variance of the picture's mean over that of independent pixels, at least 1; more where pixels share paths.
-    pub fn related(&self) -> f64 {
-        let tiles = self.tiles.iter().filter_map(Tile::variances).filter(|tile| tile.iter().all(|v| v.is_finite()));
-        let [together, alone] = tiles.fold([0.0; 2], |[a, b], [c, d]| [a + c, b + d]);
-        if alone > 0.0 { (together / alone).max(1.0) } else { 1.0 }
+    /// The variance of the picture's mean; `None` where pixels have less than two paths, or no variance.
+    pub fn mean_variance(&self) -> Option<MeanVariance> {
+        let one_set = !self.settings.balance.method().scrambles_passes();
+        mean_variance(self.tiles.iter().map(Tile::variance), one_set)
     }
 
     /// Noise of the noisiest tile; 0 without tiles.

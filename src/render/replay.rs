@@ -6,7 +6,6 @@ use glam::Vec3;
 
 use super::camera::lens;
 use super::prepass::Prepasses;
-use super::prepass::allocation::Allocation;
 use super::tile::{Columns, TILE, Tile};
 use super::transport::{pass_seed, transport};
 use super::{RenderSettings, scheduler};
@@ -54,14 +53,13 @@ pub fn replay(
     let mut transport = prepasses.apply(transport(scene, settings));
     let columns = Columns { groups: 0, ..settings.columns() };
     let mut tile = Tile::new([x / TILE, y / TILE], settings.width, settings.height, columns);
-    let deals = prepasses.allocation.as_ref().is_some_and(Allocation::deals);
     let planned = |tile: &Tile| match &prepasses.allocation {
         Some(allocation) => allocation.next_pass(settings, tile),
         None => scheduler::planned(settings, tile.paths()),
     };
     while let Some(pass) = planned(&tile) {
         transport.seed = pass_seed(settings, tile.paths());
-        tile.pass_watched(&transport, settings, (pass, deals), &mut |tasks: &[PixelTask]| {
+        tile.pass_watched(&transport, settings, pass, &mut |tasks: &[PixelTask]| {
             let Some(pixel) = tasks.iter().position(|task| [task.x, task.y] == [x, y]) else { return };
             let task = &tasks[pixel];
             let first: u32 = tasks[..pixel].iter().map(|task| task.counts.paths).sum();

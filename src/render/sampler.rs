@@ -3,16 +3,17 @@
 use std::cell::RefCell;
 use std::time::Instant;
 
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 
 use super::RenderSettings;
-use super::adaptive::NoiseGoal;
-use super::deal;
+use super::adaptive::{NoiseGoal, group_of};
 use super::tile::{Tile, TilePixel, TileWork};
 use crate::balance::sampler::LightInfo;
 use crate::balance::{Contribution, Cost, Counts, LearnedPixels, Observer, PixelFeatures, Sampler, Technique};
 use crate::film::stats::accumulate;
-use crate::integrator::clients::{AovColumns, Aovs, ContributionColumns, Contributions, Ground, GroundColumns};
+use crate::integrator::clients::{
+    AovColumns, Aovs, ContributionColumns, Contributions, Ground, GroundColumns, MeanVarianceColumns, MeanVarianceSums,
+};
 use crate::integrator::{PixelSums, PixelTask, Transport, Wave, WaveCounts, guides};
 
 /// Maximum paths of a wave. Their buffers fit into the second-level cache.
@@ -39,6 +40,7 @@ struct Tracer {
     aovs: AovColumns,
     contributions: ContributionColumns,
     ground: GroundColumns,
+    blocks: MeanVarianceColumns,
     /// [`Pilot::indirect`]; empty outside of a pilot.
     indirect: Vec<[f32; 3]>,
 }
@@ -76,10 +78,9 @@ impl Observer for Pilot {
 }
 
 impl Tile {
-    /// Traces a pass of `paths` paths per pixel, or fewer where a noise goal requires fewer, by the balance method. With
-    /// `deals` they are its mean, and a method with a pilot may deal more to some pixels than to others.
-    pub fn pass(&mut self, transport: &Transport, settings: &RenderSettings, paths: u32, deals: bool) -> TileWork {
-        self.pass_watched(transport, settings, (paths, deals), &mut |_| ())
+    /// Traces a pass of `paths` paths per pixel, or fewer where a noise goal requires fewer, by the balance method.
+    pub fn pass(&mut self, transport: &Transport, settings: &RenderSettings, paths: u32) -> TileWork {
+        self.pass_watched(transport, settings, paths, &mut |_| ())
     }
 
     /// Traces a pass like [`pass`](Self::pass) and calls `watch` with the tasks of each wave before it is traced.
@@ -87,7 +88,7 @@ impl Tile {
         &mut self,
         transport: &Transport,
         settings: &RenderSettings,
-        (paths, deals): (u32, bool),
+        paths: u32,
         watch: &mut dyn FnMut(&[PixelTask]),
     ) -> TileWork {
         let start = Instant::now();
@@ -95,7 +96,7 @@ impl Tile {
         let (mut shares, mut moments) = (std::mem::take(&mut self.shares), std::mem::take(&mut self.moments));
         let counts = with_buffers(|buffers| {
             let mut sampler = TileSampler::new(self, transport, buffers, watch);
-            (sampler.goal, sampler.deals) = (settings.noise_goal(), deals);
+            sampler.goal = settings.noise_goal();
             let mut learned = LearnedPixels { shares: &mut shares, moments: &mut moments };
             settings.balance.method().pass(&mut learned, &mut sampler, done, paths);
             sampler.counts()
@@ -112,7 +113,6 @@ pub struct TileSampler<'a> {
     buffers: &'a mut Buffers,
     watch: &'a mut dyn FnMut(&[PixelTask]),
     goal: Option<NoiseGoal>,
-    deals: bool,
 }
 
 impl<'a> TileSampler<'a> {
@@ -125,7 +125,8 @@ impl<'a> TileSampler<'a> {
         watch: &'a mut dyn FnMut(&[PixelTask]),
     ) -> Self {
         buffers.tracer.wave.counts = WaveCounts::default();
-        Self { tile, transport, buffers, watch, goal: None, deals: false }
+        buffers.tracer.blocks.begin(tile.stats.iter().map(|stats| stats.samples));
+        Self { tile, transport, buffers, watch, goal: None }
     }
 
     /// Rays and time of the pass so far.
@@ -155,30 +156,23 @@ impl Sampler for TileSampler<'_> {
         })
     }
 
+    fn shares_paths(&self) -> bool {
+        self.transport.proposal.reuse.is_some()
+    }
+
     fn max_paths(&self) -> u32 {
         PATHS_PER_WAVE
     }
 
     fn paths(&mut self, paths: u32) -> Vec<u32> {
         let stats = self.tile.tile_stats();
-        match &self.goal {
-            None if self.tile.dealt => deal::as_before(&self.tile.stats, self.width(), paths),
-            goal => stats.deal(stats.paths_for(paths, goal.as_ref())),
-        }
-    }
-
-    fn deal(&mut self, paths: u32) -> Vec<u32> {
-        if !self.deals {
-            return vec![paths; self.pixels()];
-        }
-        let dealt = deal::by_neighbours(&self.tile.stats, self.width(), paths);
-        self.tile.dealt |= dealt.iter().any(|n| *n != paths);
-        dealt
+        stats.deal(stats.paths_for(paths, self.goal.as_ref()))
     }
 
     fn take(&mut self, counts: &[Counts], weighed: &[Counts], observer: Option<&mut dyn Observer>) {
         let tracer = &mut self.buffers.tracer;
-        tracer.trace(self.tile, self.transport, (counts, weighed), observer, self.watch);
+        let apart = self.goal.is_some();
+        tracer.trace(self.tile, self.transport, (counts, weighed), apart, observer, self.watch);
     }
 
     fn pilot(&mut self, counts: Counts) -> &[Contribution] {
@@ -194,7 +188,8 @@ impl Sampler for TileSampler<'_> {
         };
         let first: Vec<_> = self.tile.pixels.iter().map(first).collect();
         tracer.indirect.resize(self.tile.groups.len(), [0.0; 3]);
-        tracer.trace(self.tile, self.transport, (&all, &all), Some(pilot), self.watch);
+        let apart = self.goal.is_some();
+        tracer.trace(self.tile, self.transport, (&all, &all), apart, Some(pilot), self.watch);
         pilot.indirect = std::mem::take(&mut tracer.indirect);
         // Sample indices of a pilot count from 0.
         for found in &mut pilot.contributions {
@@ -224,20 +219,21 @@ impl Sampler for TileSampler<'_> {
 }
 
 impl Tracer {
-    /// Traces paths with sample counts `counts` and the MIS weights of sample counts `weighed`.
+    /// Traces paths with sample counts `counts` and the MIS weights of sample counts `weighed`. With `apart`, pixels of different
+    /// groups of the stop rule share no paths.
     fn trace(
         &mut self,
         tile: &mut Tile,
         transport: &Transport,
         (counts, weighed): (&[Counts], &[Counts]),
+        apart: bool,
         mut observer: Option<&mut dyn Observer>,
         watch: &mut dyn FnMut(&[PixelTask]),
     ) {
-        let Self { wave, tasks, aovs, contributions, ground, indirect } = self;
+        let Self { wave, tasks, aovs, contributions, ground, blocks, indirect } = self;
         let shares = transport.proposal.reuse.is_some();
-        let count = tile.groups.len() / tile.pixels().max(1);
+        let (count, width) = (tile.groups.len() / tile.pixels().max(1), tile.width());
         for Part { pixels: range, paths: [from, to] } in parts(counts, shares) {
-            let before = if shares { tile.sum() } else { DVec3::ZERO };
             let std::ops::Range { start, end } = range;
             tasks.clear();
             let pixels = tile.pixels[start..end].iter_mut().zip(&tile.stats[start..end]);
@@ -253,6 +249,7 @@ impl Tracer {
                     counts,
                     weighed: weighed[i],
                     number: i as u32,
+                    class: if apart { group_of(i, width) as u32 } else { 0 },
                 });
                 pixel.light += counts.light;
                 pixel.environment += counts.environment.unwrap_or(0);
@@ -272,13 +269,8 @@ impl Tracer {
             let sums = tile.ground.get_mut(start..end);
             let ground =
                 transport.ground.zip(sums).map(|(height, sums)| Ground { height, sums, columns: &mut *ground });
-            wave.run(transport, tasks, &mut ((pixels, ground), aovs, contributions));
-            let paths = tasks[0].counts.paths;
-            if shares && tasks.iter().all(|task| task.counts.paths == paths) {
-                let mean = (tile.sum() - before) / f64::from(paths) / tile.pixels() as f64;
-                tile.waves.means.add(mean.as_vec3(), false);
-                tile.waves.paths += paths;
-            }
+            let blocks = MeanVarianceSums { sums: &mut tile.blocks, columns: &mut *blocks };
+            wave.run(transport, tasks, &mut ((pixels, (ground, blocks)), aovs, contributions));
         }
     }
 }

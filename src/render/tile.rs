@@ -1,6 +1,6 @@
 //! A tile of pixels and its statistics. [`sampler`](super::sampler) traces its passes.
 
-use glam::DVec3;
+use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 use super::adaptive::{NoiseGoal, TileStats};
@@ -8,6 +8,8 @@ use crate::balance::{Moments, Shares};
 use crate::film::stats::accumulate;
 use crate::film::{AovSums, ExtraSums, GroundSums, Peak, PixelStats};
 use crate::integrator::WaveCounts;
+use crate::integrator::clients::BlockSums;
+use crate::integrator::clients::mean_variance::TileVariance;
 
 /// Side of a tile in pixels. Tiles lie on the whole picture's grid.
 pub const TILE: u32 = 16;
@@ -20,8 +22,6 @@ pub const TILE: u32 = 16;
 #[derive(Debug, Serialize, Deserialize)]
 pub struct Tile {
     pub(super) pixels: Vec<TilePixel>,
-    /// Have its pixels been dealt different numbers of paths ([`deal`](super::deal))?
-    pub(super) dealt: bool,
     /// Radiance statistics, one per pixel, in the order of the pixels.
     pub stats: Vec<PixelStats>,
     /// Shares of the samples of the next pass, one per pixel.
@@ -36,19 +36,10 @@ pub struct Tile {
     pub peaks: Vec<Peak>,
     /// Sums of the ground that catches shadows, one per pixel; empty without one.
     pub ground: Vec<GroundSums>,
-    /// What says how the errors of pixels are related that share paths.
-    pub(super) waves: WaveMeans,
+    /// What the variance of the picture's mean follows from.
+    pub(super) blocks: BlockSums,
     /// By pixel and then by group, light of the groups that are asked for; empty without them.
     pub groups: Vec<[f32; 3]>,
-}
-
-/// Mean radiance of a tile's waves, of those with as many paths in all pixels.
-#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
-pub(super) struct WaveMeans {
-    /// A sample is the mean of a wave.
-    pub means: PixelStats,
-    /// Paths per pixel of all these waves.
-    pub paths: u32,
 }
 
 /// Which columns tiles have besides the statistics.
@@ -107,7 +98,6 @@ impl Tile {
         let n = pixels.len();
         Self {
             pixels,
-            dealt: false,
             stats: vec![PixelStats::EMPTY; n],
             shares: vec![Shares { light_share: 0.5, environment_share: None }; n],
             moments: vec![Moments::default(); if columns.moments { n } else { 0 }],
@@ -115,7 +105,7 @@ impl Tile {
             extras: vec![ExtraSums::default(); if columns.extras { n } else { 0 }],
             peaks: vec![Peak::default(); n],
             ground: vec![GroundSums::default(); if columns.ground { n } else { 0 }],
-            waves: WaveMeans::default(),
+            blocks: BlockSums::default(),
             groups: vec![[0.0; 3]; n * columns.groups],
         }
     }
@@ -146,7 +136,6 @@ impl Tile {
 
     /// Adds the sums of independent paths of the same pixels. Light shares become their mean by paths.
     pub fn join(&mut self, other: &Tile) {
-        self.dealt |= other.dealt;
         let shares = self.shares.iter_mut().zip(&other.shares);
         for ((own, other), (before, more)) in shares.zip(self.stats.iter().zip(&other.stats)) {
             let fraction = f64::from(more.samples) / f64::from((before.samples + more.samples).max(1));
@@ -158,8 +147,7 @@ impl Tile {
         self.groups.iter_mut().zip(&other.groups).for_each(|(own, more)| accumulate(own, *more));
         self.ground.iter_mut().zip(&other.ground).for_each(|(own, more)| own.join(more));
         self.peaks.iter_mut().zip(&other.peaks).for_each(|(own, more)| own.add(more.luminance, more.path));
-        self.waves.means.join(&other.waves.means);
-        self.waves.paths += other.waves.paths;
+        self.blocks.join(&other.blocks);
     }
 
     /// Estimated bytes of memory of the tiles of so many pixels with these columns.
@@ -184,31 +172,22 @@ impl Tile {
         self.pixels.first().map_or([0; 2], |p| [p.x / TILE, p.y / TILE])
     }
 
-    /// Sum over its pixels of R, G and B of a path: its radiance so far.
-    pub(super) fn sum(&self) -> DVec3 {
-        self.stats.iter().map(|stats| DVec3::from(stats.sum)).sum()
-    }
-
-    /// The variance of the sum of its pixels' means, and the sum of the variances of these means, the sums over R, G and B; `None`
-    /// where its waves are too few. The first is larger where pixels share paths.
-    pub(super) fn variances(&self) -> Option<[f64; 2]> {
-        let WaveMeans { means, paths } = self.waves;
-        let sum = |variance: [f32; 3]| variance.map(f64::from).iter().sum::<f64>();
-        (means.samples > 1).then(|| {
-            let n = self.pixels() as f64;
-            let per_path = n * n * sum(means.variance_of_mean()) * f64::from(paths);
-            let of_pixels = self.stats.iter().map(|stats| sum(stats.variance_of_mean())).sum();
-            [per_path * n / self.all_paths() as f64, of_pixels]
-        })
+    /// What the variance of the picture's mean follows from.
+    pub(super) fn variance(&self) -> TileVariance<'_> {
+        TileVariance {
+            sums: &self.blocks,
+            pixels: self.pixels(),
+            paths: self.all_paths() as f64 / self.pixels() as f64,
+            independent: self.stats.iter().map(|stats| Vec3::from(stats.variance_of_mean()).as_dvec3()).sum(),
+        }
     }
 
     /// Its pixels' statistics.
     pub(super) fn tile_stats(&self) -> TileStats<'_> {
-        TileStats { stats: &self.stats, width: self.width(), dealt: self.dealt }
+        TileStats { stats: &self.stats, width: self.width() }
     }
 
-    /// Mean paths of a pixel where they have been dealt, which is then a whole number. Otherwise the maximum: pixels differ
-    /// only with a noise goal.
+    /// Maximum paths of a pixel: pixels differ only with a noise goal.
     pub fn paths(&self) -> u32 {
         self.tile_stats().paths()
     }

@@ -94,5 +94,5 @@ pub fn picture(bytes: &[u8], [width, height]: [u32; 2]) -> Picture {
     let window = [0, 0, i64::from(width), i64::from(height)];
     let linear = |byte: &u8| srgb_decode(f32::from(*byte) / 255.0);
     let rgb = bytes.as_chunks::<3>().0.iter().map(|[r, g, b]| [r, g, b].map(linear)).collect();
-    Picture { window, display: window, rgb, variance: None, alpha: None, displayed: true, related: 1.0 }
+    Picture { window, display: window, rgb, variance: None, alpha: None, displayed: true, mean_variance: [1.0; 3] }
 }

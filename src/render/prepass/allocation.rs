@@ -14,7 +14,6 @@ use rayon::prelude::*;
 use tracing::debug;
 
 use super::super::RenderSettings;
-use super::super::deal;
 use super::super::decisions::TechniqueStats;
 use super::super::sampler::with_buffers;
 use super::super::scheduler::planned_to;
@@ -47,7 +46,7 @@ const DOUBLINGS: [i32; 2] = [-2, 2];
 /// Steps of the iteration that finds the price of a camera ray for emission.
 const PRICE_STEPS: u32 = 2;
 /// Maximum paths of a pixel, over the mean of the picture.
-pub const MAX_PATHS_OVER_MEAN: u32 = deal::MAX_RATIO << DOUBLINGS[1];
+pub const MAX_PATHS_OVER_MEAN: u32 = 1 << DOUBLINGS[1];
 
 /// The paths of each tile, relative to the mean.
 #[derive(Debug)]
@@ -167,11 +166,6 @@ impl Allocation {
         // Renders of 128 and of 256 paths then begin alike in tiles with a fraction of the mean.
         let longest = self.paths(tile, MAX_PASS_PATHS).min(MAX_PASS_PATHS);
         Some(if settings.balance.method().uses_prepasses() { pass.min(longest) } else { pass })
-    }
-
-    /// Are the paths of a tile divided unevenly among its pixels too? Only where tiles differ.
-    pub fn deals(&self) -> bool {
-        self.doublings.iter().any(|doubled| *doubled != 0)
     }
 
     /// Renders with equal keys, and other settings alike, have the same allocation and begin with the same passes. `None`

@@ -144,7 +144,7 @@ fn errors(transport: &Transport, settings: &RenderSettings, position: [u32; 2], 
         let transport =
             Transport { seed, proposal: Proposal { reuse: way, ..transport.proposal }, ..transport.clone() };
         let mut tile = Tile::new(position, width, height, Columns { groups: 0, ..settings.columns() });
-        let cost = effort::cost(&tile.pass(&transport, settings, PATHS, false).counts);
+        let cost = effort::cost(&tile.pass(&transport, settings, PATHS).counts);
         (tile.stats.iter().map(|stats| stats.mean()).collect::<Vec<_>>(), cost)
     };
     let found: Vec<_> = ways.iter().map(|way| [0, 1].map(|number| scramble(*way, number))).collect();

@@ -56,8 +56,8 @@ pub struct Comparison {
 }
 
 /// Whether the difference is noise, by the variances of both pictures. z is a difference over its standard deviation
-/// √(variance of A + variance of B), for renders with independent samples. That of the mean counts how pixels are related that share
-/// paths ([`Picture::related`]).
+/// √(variance of A + variance of B), for renders with independent samples. That of the mean counts how paths are stratified and how
+/// pixels share them ([`Picture::mean_variance`]).
 #[derive(Debug, Clone, Serialize)]
 pub struct Statistics {
     /// z of the mean difference of R, G, B over all pixels; beyond ±4 is not noise. Infinite (null in JSON) for a difference
@@ -158,7 +158,7 @@ fn statistics(a: &Picture, b: &Picture) -> Option<Statistics> {
                 continue;
             }
             difference[c] += d;
-            variance[c] += f64::from(va[i][c]) * a.related + f64::from(vb[i][c]) * b.related;
+            variance[c] += f64::from(va[i][c]) * a.mean_variance[c] + f64::from(vb[i][c]) * b.mean_variance[c];
             let z = z_score(d, v);
             // Equal values without variance, such as a background, say nothing about noise.
             if v == 0.0 && d == 0.0 {
@@ -196,7 +196,15 @@ mod tests {
     fn picture(rgb: Vec<[f32; 3]>, variance: Option<f32>) -> Picture {
         let window = [5, 7, 5 + rgb.len() as i64, 8];
         let variance = variance.map(|v| vec![[v; 3]; rgb.len()]);
-        Picture { window, display: [0, 0, 100, 100], variance, rgb, alpha: None, displayed: false, related: 1.0 }
+        Picture {
+            window,
+            display: [0, 0, 100, 100],
+            variance,
+            rgb,
+            alpha: None,
+            displayed: false,
+            mean_variance: [1.0; 3],
+        }
     }
 
     #[test]

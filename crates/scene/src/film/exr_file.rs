@@ -8,7 +8,7 @@ mod head;
 mod read;
 mod write;
 
-pub use super::header::{CALIBRATION, Header, HeaderValue, RELATED, WORLD_TO_CAMERA, WORLD_TO_NDC};
+pub use super::header::{CALIBRATION, Header, HeaderValue, MEAN_VARIANCE, RELATED, WORLD_TO_CAMERA, WORLD_TO_NDC};
 pub use channels::{ChannelBits, read_bits};
 pub use checksum::{CHECKSUM, Checksum, check, checksum};
 pub(super) use read::cannot_use;

@@ -19,7 +19,9 @@ pub const WORLD_TO_CAMERA: &str = "worldToCamera";
 /// and (1, 1) its lower right one; z has no meaning.
 pub const WORLD_TO_NDC: &str = "worldToNDC";
 
-/// The attribute with the variance of the picture's mean over that of independent pixels.
+/// The attribute with the variance of the picture's mean over that of independent paths, of R, G and B, as JSON.
+pub const MEAN_VARIANCE: &str = "bismar.mean_variance";
+/// The attribute with the variance of the picture's mean over that of unrelated pixels.
 pub const RELATED: &str = "bismar.related";
 
 /// The attribute with the intrinsics of a calibrated camera, in pixels of the whole picture, as JSON.

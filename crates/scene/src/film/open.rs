@@ -54,7 +54,7 @@ impl Picture {
         let (width, height, rgb) = radiance::decode(bytes, |_, _| Ok(()))?;
         let window = [0, 0, width.into(), height.into()];
         let (variance, alpha) = (None, None);
-        Ok(Self { window, display: window, rgb, variance, alpha, displayed: false, related: 1.0 })
+        Ok(Self { window, display: window, rgb, variance, alpha, displayed: false, mean_variance: [1.0; 3] })
     }
 
     fn of_image(image: DynamicImage) -> Self {
@@ -76,7 +76,7 @@ impl Picture {
             variance: None,
             alpha: has_alpha.then(|| pixels.iter().map(|p| p[3]).collect()),
             displayed,
-            related: 1.0,
+            mean_variance: [1.0; 3],
         }
     }
 }

@@ -17,8 +17,9 @@ pub struct Picture {
     pub alpha: Option<Vec<f32>>,
     /// Whether the values are display-referred, at most 1, as in a PNG.
     pub displayed: bool,
-    /// Variance of the picture's mean over that of independent pixels, at least 1: more where pixels share paths.
-    pub related: f64,
+    /// Variance of the picture's mean over the sum of `variance`, of R, G and B: less where paths are stratified, more where pixels
+    /// share them. 1 where it is not known.
+    pub mean_variance: [f64; 3],
 }
 
 impl Picture {
@@ -38,7 +39,7 @@ impl Picture {
             variance: self.variance.as_deref().map(colors),
             alpha: self.alpha.as_ref().map(|all| indices.iter().map(|i| all[*i]).collect()),
             displayed: self.displayed,
-            related: self.related,
+            mean_variance: self.mean_variance,
         }
     }
 

@@ -14,17 +14,16 @@ pub trait Sampler {
     /// The lights that light samples can reach; `None` if no light has an extent.
     fn lights(&self) -> Option<LightInfo>;
 
+    /// Do pixels share paths? Then no pixel's samples may be weighted by what others have found.
+    fn shares_paths(&self) -> bool {
+        false
+    }
+
     /// Largest number of paths per pixel of one call of [`take`](Self::take).
     fn max_paths(&self) -> u32;
 
     /// The number of paths that each pixel takes in a pass of `paths` paths: pixels that have reached a noise goal take fewer.
     fn paths(&mut self, paths: u32) -> Vec<u32> {
-        vec![paths; self.pixels()]
-    }
-
-    /// The number of paths that each pixel takes in a pass of `paths` paths in the mean, after the pass's pilot. That of a
-    /// pixel does not depend on the pixel's own samples, and is at least twice that of the pilot.
-    fn deal(&mut self, paths: u32) -> Vec<u32> {
         vec![paths; self.pixels()]
     }
 

@@ -19,7 +19,7 @@ use super::attributes::{HASH, LENGTH, VARIANCE, string, text};
 use super::checksum::CHECKSUM;
 use super::{bounds, head};
 use crate::film::cryptomatte::PREFIX;
-use crate::film::header::{Header, HeaderValue, RELATED, WORLD_TO_CAMERA, WORLD_TO_NDC};
+use crate::film::header::{Header, HeaderValue, MEAN_VARIANCE, WORLD_TO_CAMERA, WORLD_TO_NDC};
 use crate::film::picture::Picture;
 use crate::{Error, Result as Outcome, color, guard};
 
@@ -262,9 +262,12 @@ impl Decoded {
             variance: variance.map(|_| black()),
             alpha: alpha.map(|_| vec![0.0; width * height]),
             displayed: false,
-            related: match attribute(&header, RELATED) {
-                Some(AttributeValue::F64(related)) if *related >= 1.0 && related.is_finite() => *related,
-                _ => 1.0,
+            mean_variance: match attribute(&header, MEAN_VARIANCE) {
+                Some(AttributeValue::Text(text)) => serde_json::from_str(&string(text))
+                    .ok()
+                    .filter(|of: &[f64; 3]| of.iter().all(|x| *x >= 0.0 && x.is_finite()))
+                    .unwrap_or([1.0; 3]),
+                _ => [1.0; 3],
             },
         };
         Ok(Self { part, header, names: colors, color, alpha, variance, picture })

@@ -39,7 +39,7 @@ impl Method for Progressive {
             return take_pass(learned, sampler, paths);
         };
         let candidates = candidates(lights);
-        match pilot_paths(paths) {
+        match pilot_paths(paths).filter(|_| !sampler.shares_paths()) {
             Some(pilot) => {
                 let pilot = candidates.pilot(pilot);
                 take_pass_with_pilot(learned, sampler, &candidates, (pilot, paths), lights.selection_cost);
@@ -67,7 +67,7 @@ fn candidates(lights: LightInfo) -> Candidates {
     }
 }
 
-/// Takes a pass of `paths` paths in the mean, which begins with a pilot of equal counts. All samples are weighted by the
+/// Takes a pass of `paths` paths, which begins with a pilot of equal counts. All samples are weighted by the
 /// total counts. A light sample costs `selection_cost` rays more than its shadow ray.
 fn take_pass_with_pilot(
     learned: &mut LearnedPixels,
@@ -81,8 +81,8 @@ fn take_pass_with_pilot(
     let (width, rays, features) = (sampler.width(), sampler.cost(), sampler.features());
     let cost = Cost { light: rays.light + selection_cost, ..rays };
     learned.shares.copy_from_slice(&variances.choose(width, &features, cost));
-    let total_of = |(shares, paths): (&Shares, u32)| Counts::from_shares(*shares, paths).at_least(pilot);
-    let total: Vec<_> = learned.shares.iter().zip(sampler.deal(paths)).map(total_of).collect();
+    let total_of = |shares: &Shares| Counts::from_shares(*shares, paths).at_least(pilot);
+    let total: Vec<_> = learned.shares.iter().map(total_of).collect();
     sampler.reweight(&total);
     let rest: Vec<_> = total.iter().map(|total| total.after(pilot)).collect();
     sampler.take(&rest, &total, None);

@@ -23,6 +23,9 @@ pub struct PixelTask {
     pub weighed: Counts,
     /// Index of the pixel in its tile, for observers.
     pub number: u32,
+    /// Pixels of different classes share no paths ([`reuse`](crate::integrator::reuse)): those of one class may decide for those of
+    /// another. Below 2²⁹.
+    pub class: u32,
 }
 
 impl PixelTask {
@@ -38,6 +41,7 @@ impl PixelTask {
             counts,
             weighed: counts,
             number,
+            class: 0,
         }
     }
 }

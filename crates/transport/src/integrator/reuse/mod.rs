@@ -184,8 +184,9 @@ impl Lending {
             let rough = rough >> lane & 1 == 1;
             if borrows >> lane & 1 == 1 {
                 let path = path[lane];
-                let number = path - self.first_paths[at.pixel(path)];
-                self.groups.add([octants[lane], number, random[lane], random2[lane]], self.samples.len() as u32);
+                let pixel = at.pixel(path);
+                let (number, kind) = (path - self.first_paths[pixel], at.tasks[pixel].class << 3 | octants[lane]);
+                self.groups.add([kind, number, random[lane], random2[lane]], self.samples.len() as u32);
             }
             self.samples.push(FirstSample { x, path: path[lane], index: index[lane], lender: NONE, rough });
         }
