@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use glam::{Vec3, Vec4};
 
+use super::media::{Media, Medium};
 use crate::bsdf::{Anisotropy, Bsdf, Iridescence, LobeSet, Surface};
 use crate::scene::{AlphaMode, Material, Mesh, Scene, TextureSlot};
 
@@ -33,7 +34,7 @@ pub struct MeshMaterial {
     /// Does it bound a medium, and is it smooth, so that shadow rays may pass it straight
     /// ([`glass_shadows`](crate::integrator::through::glass_shadows))? Textures decide at each point.
     pub smooth_body: bool,
-    /// The medium that it bounds, an index into [`Materials::media`]; `None` for surfaces that bound none.
+    /// The medium that it bounds, as in stacks of [`Materials::media`]; `None` for surfaces that bound none.
     pub interior_medium: Option<u32>,
 }
 
@@ -59,26 +60,29 @@ pub struct Materials {
     pub blends: bool,
     /// Does any surface disperse?
     pub disperses: bool,
-    /// Absorption coefficients of the media, linear RGB per metre. Medium 0 is the vacuum outside all others. If it is the
-    /// only one, rays do not track media.
-    pub media: Vec<Vec3>,
+    /// The media of the scene.
+    pub media: Media,
+    /// Do rays track media: does any absorb, or may bodies touch or overlap?
+    pub tracks_media: bool,
+    /// May bodies touch or overlap, so that boundaries are relative to the medium on the other side?
+    pub bodies_meet: bool,
+    /// World-space corners of a box around all bodies; infinite if any moves.
+    pub bodies: [Vec3; 2],
 }
 
 impl Materials {
     /// Prepares the materials of a scene.
     pub fn new(scene: &Scene) -> Self {
         let constant: Vec<_> = scene.materials.iter().map(|m| untextured(m).bsdf()).collect();
-        let mut media = vec![Vec3::ZERO];
-        let mut add_medium = |m: &Material| {
-            let absorbs = m.absorption.max_element() > 0.0;
-            absorbs.then(|| media.push(m.absorption));
-            if absorbs { media.len() as u32 - 1 } else { 0 }
-        };
-        let interiors: Vec<_> =
-            scene.materials.iter().map(|m| (m.transmits() && m.bounds_medium).then(|| add_medium(m))).collect();
+        let medium = |m: &Material| m.bounds_body().then_some(Medium { absorption: m.absorption, ior: m.ior });
+        let (media, interiors) = Media::new(scene.materials.iter().map(medium));
+        let boxes = boxes_of_bodies(scene);
+        let bodies_meet = any_meet(&boxes);
         let kind = |(mesh, moves): (&Arc<Mesh>, bool)| {
             let own = mesh.material as usize;
-            classify(scene, mesh, moves, &constant[own], interiors[own])
+            let mut kind = classify(scene, mesh, moves, &constant[own], interiors[own]);
+            kind.constant &= !(bodies_meet && kind.interior_medium.is_some());
+            kind
         };
         let mesh_materials: Vec<_> = scene.meshes.iter().zip(scene.moving_meshes()).map(kind).collect();
         let lit =
@@ -100,7 +104,12 @@ impl Materials {
             has_smooth_bodies: any(|kind| kind.smooth_body),
             blends: scene.materials.iter().any(|material| material.alpha_mode == AlphaMode::Blend),
             disperses: lit().any(Material::disperses),
+            tracks_media: bodies_meet || media.absorb(),
             media,
+            bodies_meet,
+            bodies: boxes
+                .into_iter()
+                .fold([Vec3::INFINITY, Vec3::NEG_INFINITY], |[l, h], [low, high]| [l.min(low), h.max(high)]),
             mesh_materials,
         }
     }
@@ -117,21 +126,49 @@ impl Materials {
         &self.constant[usize::from(back_facing)][self.mesh_materials[mesh as usize].material as usize]
     }
 
-    /// Is there an absorbing medium?
+    /// A mesh's surface between these stacks: relative to the medium on the other side, where bodies meet.
     #[inline]
-    pub fn absorbs(&self) -> bool {
-        self.media.len() > 1
-    }
-
-    /// The media on the side of `wo` and beyond the surface, where a ray in `medium` hits a mesh.
-    #[inline]
-    pub fn media_at_surface(&self, mesh: u32, back_facing: bool, medium: u32) -> [u32; 2] {
+    pub fn relative(&self, surface: Surface, mesh: u32, stacks: [u32; 2]) -> Surface {
         match self.mesh_material(mesh).interior_medium {
-            Some(inside) if back_facing => [inside, 0],
-            Some(inside) => [medium, inside],
-            None => [medium; 2],
+            Some(medium) if self.bodies_meet => self.media.relative(surface, medium, stacks),
+            _ => surface,
         }
     }
+
+    /// The stacks on the side of `wo` and beyond the surface, where a ray with this stack hits a mesh.
+    #[inline]
+    pub fn media_at_surface(&self, mesh: u32, back_facing: bool, stack: u32) -> [u32; 2] {
+        match self.mesh_material(mesh).interior_medium {
+            Some(medium) => self.media.at_boundary(medium, back_facing, stack),
+            None => [stack; 2],
+        }
+    }
+}
+
+/// World-space corners of a box around each placed mesh that bounds a medium; infinite if any of them moves.
+fn boxes_of_bodies(scene: &Scene) -> Vec<[Vec3; 2]> {
+    if !scene.has_bodies() {
+        return Vec::new();
+    }
+    let is_body = |mesh: &Mesh| scene.materials[mesh.material as usize].bounds_body();
+    let move_ = scene.meshes.iter().zip(scene.moving_meshes()).any(|(mesh, moves)| moves && is_body(mesh));
+    let everywhere = [Vec3::NEG_INFINITY, Vec3::INFINITY];
+    scene.boxes(is_body).map(|corners| if move_ { everywhere } else { corners }).collect()
+}
+
+/// Do any two of these boxes touch or overlap, to rounding?
+fn any_meet(boxes: &[[Vec3; 2]]) -> bool {
+    let mut boxes = boxes.to_vec();
+    boxes.iter_mut().for_each(|[low, high]| {
+        let margin = Vec3::splat(1e-5) * low.abs().max(high.abs()).max_element();
+        (*low, *high) = (*low - margin, *high + margin);
+    });
+    boxes.sort_by(|a, b| a[0].x.total_cmp(&b[0].x));
+    boxes.iter().enumerate().any(|(at, [_, high])| {
+        let beside = boxes[at + 1..].iter().take_while(|[low, _]| low.x <= high.x);
+        let mut beside = beside.filter(|[low, other]| low.cmple(*high).all() && other.cmpge(boxes[at][0]).all());
+        beside.next().is_some()
+    })
 }
 
 /// What shading a mesh needs, with the BSDF of its material without textures.
