@@ -30,7 +30,8 @@ const PIXELS: f64 = 576.0;
 const PATHS: u32 = 8;
 /// Segments of its paths: light from a lamp, after up to two reflections.
 const MAX_DEPTH: u32 = 4;
-/// Reflected radiance (luminance) from which a pixel is lit. White is 1; a display shows a tenth of this as black.
+/// Reflected radiance (luminance) from which a pixel is lit; more where it shines, as a display in its own cover glass does. White is
+/// 1; a display shows a tenth of this as black.
 const LIT: f32 = 1e-3;
 /// Emitted radiance (luminance) from which a pixel needs no other light.
 const SHINES: f32 = 1e-2;
@@ -103,9 +104,10 @@ pub fn own_light(scene: &PreparedScene, camera: usize, shown: &RenderSettings) -
     let mut all = OwnLight::default();
     for PixelLight { emitted, reflected, .. } in found.into_iter().filter(|pixel| 2 * pixel.covered >= PATHS) {
         let [emitted, reflected] = [emitted, reflected].map(|sum| sum / PATHS as f32);
+        let is_lit = reflected >= LIT.max(0.5 * emitted);
         all.covered += 1;
-        all.surfaces += u32::from(reflected >= LIT || emitted < SHINES);
-        all.lit += u32::from(reflected >= LIT);
+        all.surfaces += u32::from(is_lit || emitted < SHINES);
+        all.lit += u32::from(is_lit);
     }
     all
 }

@@ -203,7 +203,7 @@ impl Scene {
     /// World-space lower and upper corner of an axis-aligned box that contains every placed mesh, metres; `None` for an
     /// empty scene. It is the smallest such box if no instance is rotated.
     pub fn bounds(&self) -> Option<[Vec3; 2]> {
-        self.boxes(|_| true).reduce(|[l, h], [low, high]| [l.min(low), h.max(high)])
+        self.boxes(|_| true).map(|(_, corners)| corners).reduce(|[l, h], [low, high]| [l.min(low), h.max(high)])
     }
 
     /// Height of the lowest point, over a played animation, metres; `None` for an empty scene.
@@ -257,16 +257,17 @@ impl Scene {
         })
     }
 
-    /// World-space lower and upper corner of a box around each placed mesh of those that `take` takes.
-    pub fn boxes(&self, take: impl Fn(&Mesh) -> bool) -> impl Iterator<Item = [Vec3; 2]> {
+    /// World-space lower and upper corner of a box around each placed mesh of those that `take` takes, with the indices of instance and
+    /// mesh.
+    pub fn boxes(&self, take: impl Fn(&Mesh) -> bool) -> impl Iterator<Item = ([u32; 2], [Vec3; 2])> {
         let mesh_box = |mesh: &Arc<Mesh>| {
             let points = mesh.positions.iter().filter(|_| take(mesh)).map(|&p| Vec3::from_array(p));
             points.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)))
         };
         let mesh_boxes: Vec<_> = self.meshes.iter().map(mesh_box).collect();
-        self.instances.iter().flat_map(move |instance| {
+        (0..).zip(&self.instances).flat_map(move |(index, instance)| {
             let meshes = self.objects[instance.object as usize].meshes.clone();
-            let boxes: Vec<_> = meshes.map(|mesh| mesh_boxes[mesh as usize]).collect();
+            let boxes: Vec<_> = meshes.map(|mesh| (mesh, mesh_boxes[mesh as usize])).collect();
             let placed = |(l, h): (Vec3, Vec3)| match instance.transform {
                 None => [l, h],
                 Some(t) => (0..8).fold([Vec3::INFINITY, Vec3::NEG_INFINITY], |[low, high], corner| {
@@ -275,7 +276,8 @@ impl Scene {
                     [low.min(p), high.max(p)]
                 }),
             };
-            boxes.into_iter().filter(|(l, h)| l.x <= h.x).map(placed)
+            let boxes = boxes.into_iter().filter(|(_, (l, h))| l.x <= h.x);
+            boxes.map(move |(mesh, corners)| ([index, mesh], placed(corners)))
         })
     }
 }

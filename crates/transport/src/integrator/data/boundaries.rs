@@ -9,7 +9,6 @@ use std::cell::RefCell;
 use glam::Vec3;
 
 use super::transport::Transport;
-use crate::lanes::F;
 use crate::light::samples::ROUNDING;
 use crate::rays::{AnyHit, MISS, RayBatch};
 use crate::scene::Primitive;
@@ -77,29 +76,30 @@ impl Transport<'_> {
         })
     }
 
-    /// The media at the start of a camera ray, at its distance `near` from the ray's origin.
+    /// The media of a camera ray that sees surfaces from the distance `near` on, and the distance from which they absorb: 0, or `near`
+    /// if the near plane cuts a body open. `known` are the media around the last ray's origin.
     pub fn media_at_camera(
         &self,
         (origin, direction): (Vec3, Vec3),
         near: f32,
         time: f32,
-        known: &mut Option<u32>,
-    ) -> u32 {
-        let [low, high] = self.materials.bodies;
+        known: &mut Option<(Vec3, u32)>,
+    ) -> (u32, f32) {
         let start = origin + direction * near;
-        if !(start.cmpge(low).all() && start.cmple(high).all()) {
-            return 0;
+        let holds = |[low, high]: &[Vec3; 2]| start.cmpge(*low).all() && start.cmple(*high).all();
+        if !self.materials.bodies.iter().any(holds) {
+            return (0, 0.0);
         }
-        let eye = self.camera.eye(F::splat(time)).lane(0);
         let media = match known {
-            Some(media) if !self.geometry.moves => *media,
-            _ => *known.insert(self.media_around(eye, time)),
+            Some((at, media)) if *at == origin && !self.geometry.moves => *media,
+            _ => known.insert((origin, self.media_around(origin, time))).1,
         };
-        match start == eye {
-            true => media,
-            false => {
-                self.media_beyond(Line { origin: eye, direction: start - eye, interval: [0.0, 1.0], time }, media, None)
-            }
+        // The camera may be on a boundary.
+        let before = ROUNDING * origin.abs().max_element();
+        let line = || Line { origin: origin - direction * before, direction, interval: [0.0, before + near], time };
+        match near <= 0.0 || self.media_beyond(line(), media, None) == media {
+            true => (media, 0.0),
+            false => (self.media_around(start, time), near),
         }
     }
 
@@ -141,17 +141,17 @@ impl Transport<'_> {
                 }
             }
             crossings.sort_by(|a, b| a.t.total_cmp(&b.t));
-            // Where a line meets an edge, both triangles may be hit.
             let rounding = ROUNDING * origin.abs().max_element() / direction.length();
-            let mut at = 0;
-            while let Some(&Crossing { t, body, back_facing }) = crossings.get(at) {
-                let near =
-                    || crossings[..at].iter().rev().take_while(|before| t - before.t <= rounding + ROUNDING * t.abs());
-                let before = near().find(|before| before.body == body);
-                if before.is_none_or(|before| before.back_facing != back_facing) {
-                    [_, media] = self.materials.media_at_surface(body.mesh, back_facing, media);
+            for together in crossings.chunk_by_mut(|a, b| b.t - a.t <= rounding + ROUNDING * b.t.abs()) {
+                // Of bodies that share a face, the smaller one is within the other. Where a line meets an edge, both triangles may be hit.
+                let size = |of: &Crossing| self.materials.body_sizes.get(&[of.body.instance, of.body.mesh]).copied();
+                together.sort_by(|a, b| size(b).unwrap_or(0.0).total_cmp(&size(a).unwrap_or(0.0)));
+                together.sort_by_key(|crossing| crossing.back_facing);
+                for (at, &Crossing { body, back_facing, .. }) in together.iter().enumerate() {
+                    if !together[..at].iter().any(|other| other.body == body && other.back_facing == back_facing) {
+                        [_, media] = self.materials.media_at_surface(body.mesh, back_facing, media);
+                    }
                 }
-                at += 1;
             }
             media
         })

@@ -201,11 +201,6 @@ impl CameraRays {
         }
     }
 
-    /// Where rays begin that no lens and no orthographic projection moves, world space.
-    pub fn eye(&self, time: F) -> V3 {
-        self.pose(time).eye
-    }
-
     #[inline(always)]
     fn pose(&self, time: F) -> CameraPose {
         match &self.motion {

@@ -236,9 +236,9 @@ impl<'a> Tracer<'a> {
         let (medium, distance) = match depth {
             0 if hits.mesh[0] != MISS && t.materials.tracks_media => {
                 let near = near.as_array()[0];
-                let media = t.media_at_camera((origin, direction), near, ray.time, &mut None);
+                let (media, from) = t.media_at_camera((origin, direction), near, ray.time, &mut None);
                 let back_facing = t.point(&rays, &hits, 0).is_back_facing(direction);
-                (t.materials.media_at_surface(hits.mesh[0], back_facing, media)[0], hits.t[0] - near)
+                (t.materials.media_at_surface(hits.mesh[0], back_facing, media)[0], hits.t[0] - from)
             }
             _ => (ray.medium, hits.t[0]),
         };

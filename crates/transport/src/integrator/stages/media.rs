@@ -22,11 +22,11 @@ pub fn attenuate(transport: &Transport, depth: u32, rays: &mut PathRays, hits: &
         if depth == 0 {
             let (origin, direction, time) = (rays.rays.origin(ray), rays.rays.direction(ray), rays.rays.time(ray));
             let near = transport.camera.intervals(V3::splat(direction), F::splat(time)).0.as_array()[0];
-            let media = transport.media_at_camera((origin, direction), near, time, &mut known);
+            let (media, from) = transport.media_at_camera((origin, direction), near, time, &mut known);
             let back_facing =
                 transport.geometry.normal(transport.scene, hits.primitive(ray), time).dot(direction) > 0.0;
             [rays.medium[ray], _] = transport.materials.media_at_surface(hits.mesh[ray], back_facing, media);
-            distance -= near;
+            distance -= from;
         }
         if rays.medium[ray] != 0 {
             let left = transport.materials.media.transmittance(rays.medium[ray], distance);

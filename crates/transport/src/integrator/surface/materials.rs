@@ -1,5 +1,6 @@
 //! Per-scene and per-mesh material data that does not depend on the hit point.
 
+use std::collections::HashMap;
 use std::sync::Arc;
 
 use glam::{Vec3, Vec4};
@@ -7,6 +8,11 @@ use glam::{Vec3, Vec4};
 use super::media::{Media, Medium};
 use crate::bsdf::{Anisotropy, Bsdf, Iridescence, LobeSet, Surface};
 use crate::scene::{AlphaMode, Material, Mesh, Scene, TextureSlot};
+
+/// Bodies that are compared with each other at most; of more, some meet.
+const MOST_BODIES: usize = 10_000;
+/// Most entries of [`Materials::bodies`].
+const MOST_BOXES: usize = 64;
 
 /// Transmittance, linear RGB, over `distance` metres in a medium of absorption coefficient `absorption` per metre.
 #[inline]
@@ -66,8 +72,10 @@ pub struct Materials {
     pub tracks_media: bool,
     /// May bodies touch or overlap, so that boundaries are relative to the medium on the other side?
     pub bodies_meet: bool,
-    /// World-space corners of a box around all bodies; infinite if any moves.
-    pub bodies: [Vec3; 2],
+    /// Boxes outside of which there are no bodies, world space: the lowest and the highest corner.
+    pub bodies: Vec<[Vec3; 2]>,
+    /// Sum of the edges of a body's box in metres, by instance and mesh.
+    pub body_sizes: HashMap<[u32; 2], f32>,
 }
 
 impl Materials {
@@ -76,8 +84,7 @@ impl Materials {
         let constant: Vec<_> = scene.materials.iter().map(|m| untextured(m).bsdf()).collect();
         let medium = |m: &Material| m.bounds_body().then_some(Medium { absorption: m.absorption, ior: m.ior });
         let (media, interiors) = Media::new(scene.materials.iter().map(medium));
-        let boxes = boxes_of_bodies(scene);
-        let bodies_meet = any_meet(&boxes);
+        let (bodies, bodies_meet, body_sizes) = boxes_of_bodies(scene);
         let kind = |(mesh, moves): (&Arc<Mesh>, bool)| {
             let own = mesh.material as usize;
             let mut kind = classify(scene, mesh, moves, &constant[own], interiors[own]);
@@ -107,9 +114,8 @@ impl Materials {
             tracks_media: bodies_meet || media.absorb(),
             media,
             bodies_meet,
-            bodies: boxes
-                .into_iter()
-                .fold([Vec3::INFINITY, Vec3::NEG_INFINITY], |[l, h], [low, high]| [l.min(low), h.max(high)]),
+            bodies,
+            body_sizes,
             mesh_materials,
         }
     }
@@ -145,30 +151,34 @@ impl Materials {
     }
 }
 
-/// World-space corners of a box around each placed mesh that bounds a medium; infinite if any of them moves.
-fn boxes_of_bodies(scene: &Scene) -> Vec<[Vec3; 2]> {
+/// Boxes around the bodies of a scene, world space: the lowest and the highest corner. Those of bodies that touch or overlap, to
+/// rounding, are one. Says too whether there are such. A body that moves may be everywhere. Also [`Materials::body_sizes`].
+fn boxes_of_bodies(scene: &Scene) -> (Vec<[Vec3; 2]>, bool, HashMap<[u32; 2], f32>) {
     if !scene.has_bodies() {
-        return Vec::new();
+        return Default::default();
     }
     let is_body = |mesh: &Mesh| scene.materials[mesh.material as usize].bounds_body();
-    let move_ = scene.meshes.iter().zip(scene.moving_meshes()).any(|(mesh, moves)| moves && is_body(mesh));
-    let everywhere = [Vec3::NEG_INFINITY, Vec3::INFINITY];
-    scene.boxes(is_body).map(|corners| if move_ { everywhere } else { corners }).collect()
-}
-
-/// Do any two of these boxes touch or overlap, to rounding?
-fn any_meet(boxes: &[[Vec3; 2]]) -> bool {
-    let mut boxes = boxes.to_vec();
-    boxes.iter_mut().for_each(|[low, high]| {
-        let margin = Vec3::splat(1e-5) * low.abs().max(high.abs()).max_element();
-        (*low, *high) = (*low - margin, *high + margin);
-    });
-    boxes.sort_by(|a, b| a[0].x.total_cmp(&b[0].x));
-    boxes.iter().enumerate().any(|(at, [_, high])| {
-        let beside = boxes[at + 1..].iter().take_while(|[low, _]| low.x <= high.x);
-        let mut beside = beside.filter(|[low, other]| low.cmple(*high).all() && other.cmpge(boxes[at][0]).all());
-        beside.next().is_some()
-    })
+    let sizes = scene.boxes(is_body).map(|(body, [low, high])| (body, (high - low).element_sum())).collect();
+    let mut boxes: Vec<_> = scene.boxes(is_body).map(|(_, corners)| corners).collect();
+    if scene.meshes.iter().zip(scene.moving_meshes()).any(|(mesh, moves)| moves && is_body(mesh)) {
+        boxes.fill([Vec3::NEG_INFINITY, Vec3::INFINITY]);
+    }
+    let union = |[low, high]: [Vec3; 2], [l, h]: [Vec3; 2]| [low.min(l), high.max(h)];
+    let all = |boxes: &[[Vec3; 2]]| boxes.iter().copied().reduce(union).into_iter().collect::<Vec<_>>();
+    if boxes.len() > MOST_BODIES {
+        return (all(&boxes), true, sizes);
+    }
+    let mut apart: Vec<[Vec3; 2]> = Vec::new();
+    for &[low, high] in &boxes {
+        let margin = 1e-5 * low.abs().max(high.abs()).max_element();
+        let mut one = [low - margin, high + margin];
+        while let Some(at) = apart.iter().position(|[l, h]| l.cmple(one[1]).all() && h.cmpge(one[0]).all()) {
+            one = union(one, apart.swap_remove(at));
+        }
+        apart.push(one);
+    }
+    let meet = apart.len() < boxes.len();
+    (if apart.len() > MOST_BOXES { all(&apart) } else { apart }, meet, sizes)
 }
 
 /// What shading a mesh needs, with the BSDF of its material without textures.

@@ -104,8 +104,9 @@ impl Media {
         // An index of 0 is infinite.
         match (near, far) {
             _ if near <= 0.0 || far <= 0.0 => surface,
-            _ if far >= near => Surface { ior: far / near, back_facing: false, ..surface },
-            _ => Surface { ior: near / far, back_facing: true, ..surface },
+            _ if far > near => Surface { ior: far / near, back_facing: false, ..surface },
+            _ if far < near => Surface { ior: near / far, back_facing: true, ..surface },
+            _ => Surface { ior: 1.0, ..surface },
         }
     }
 }
