@@ -143,12 +143,18 @@ impl Transport<'_> {
             crossings.sort_by(|a, b| a.t.total_cmp(&b.t));
             let rounding = ROUNDING * origin.abs().max_element() / direction.length();
             for together in crossings.chunk_by_mut(|a, b| b.t - a.t <= rounding + ROUNDING * b.t.abs()) {
-                // Of bodies that share a face, the smaller one is within the other. Where a line meets an edge, both triangles may be hit.
+                // Bodies are left before others are entered. Of those that share a face, the smaller one is within the other.
                 let size = |of: &Crossing| self.materials.body_sizes.get(&[of.body.instance, of.body.mesh]).copied();
                 together.sort_by(|a, b| size(b).unwrap_or(0.0).total_cmp(&size(a).unwrap_or(0.0)));
-                together.sort_by_key(|crossing| crossing.back_facing);
-                for (at, &Crossing { body, back_facing, .. }) in together.iter().enumerate() {
-                    if !together[..at].iter().any(|other| other.body == body && other.back_facing == back_facing) {
+                together.sort_by_key(|crossing| !crossing.back_facing);
+                for (at, crossing) in together.iter().enumerate() {
+                    let Crossing { body, back_facing, .. } = *crossing;
+                    // Where a line meets an edge, both triangles may be hit. What is entered and left here is thinner than rounding.
+                    let same = |all: &[Crossing], side| {
+                        all.iter().any(|other| other.body == body && other.back_facing == side)
+                    };
+                    let (again, both) = (same(&together[..at], back_facing), same(together, !back_facing));
+                    if !again && !both {
                         [_, media] = self.materials.media_at_surface(body.mesh, back_facing, media);
                     }
                 }
