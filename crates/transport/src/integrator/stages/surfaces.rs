@@ -50,7 +50,7 @@ fn constant(transport: &Transport, list: &[u32], at: usize, rays: &PathRays, hit
         beta: rays.beta.load(&rows),
         origin_offset: points.origin_offset,
         bsdfs: BsdfGroup::Any(eight(|lane| transport.materials.constant_bsdf(mesh[lane], back_facing(lane)))),
-        media: media(transport, rays, &rows, |lane| {
+        media: media(transport, rays, &rows, n, |lane| {
             let hit = Primitive { instance: instance[lane], mesh: mesh[lane], prim: prim[lane] };
             (hit, points.position.lane(lane), points.ng.lane(lane), points.origin_offset.as_array()[lane])
         }),
@@ -68,7 +68,7 @@ fn varying(transport: &Transport, list: &[u32], at: usize, rays: &PathRays, hits
         Rows::Each(rows) => rows,
     };
     let points = each.map(|ray| transport.point(&rays.rays, hits, ray as usize));
-    let media = media(transport, rays, &rows, |lane| {
+    let media = media(transport, rays, &rows, n, |lane| {
         let point = &points[lane];
         (hits.primitive(each[lane] as usize), point.position, point.ng, point.origin_offset)
     });
@@ -120,13 +120,14 @@ fn disperse(
     (seen, V3::gather(beta))
 }
 
-/// The media on the side of `wo` and beyond the surface at eight hits; zero if rays track none. `point` is a triangle, a point on it,
+/// The media on the side of `wo` and beyond the surface at `n` of eight hits; zero if rays track none. `point` is a triangle, a point on it,
 /// its geometric normal, and the offset of ray origins.
 #[inline(always)]
 fn media(
     transport: &Transport,
     rays: &PathRays,
     rows: &Rows,
+    n: usize,
     point: impl Fn(usize) -> (Primitive, Vec3, Vec3, f32),
 ) -> [U; 2] {
     if !transport.materials.tracks_media {
@@ -135,6 +136,9 @@ fn media(
     let (media, direction, time) = (load_bits(&rays.medium, rows), rays.rays.directions(rows), rays.rays.times(rows));
     let (media, time) = (media.to_array(), time.to_array());
     let sides = eight(|lane| {
+        if lane >= n {
+            return [0; 2];
+        }
         let (hit, position, ng, offset) = point(lane);
         transport.media_at_hit(hit, media[lane], (direction.lane(lane), time[lane]), (position, ng, offset))
     });
