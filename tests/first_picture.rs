@@ -11,14 +11,14 @@ use bismar::integrator::{PixelTask, Wave, scalar};
 use bismar::rays::Backend;
 use bismar::render::default_light::own_light;
 use bismar::render::{BackFaces, Choice, RenderSettings, RunOptions, Technique, run, transport};
-use bismar::scene::build::{area_light, lambert, look, metal};
+use bismar::scene::build::{area_light, glass, lambert, look, metal};
 use bismar::scene::import::{ImportOptions, NoteKind, import};
-use bismar::scene::{Environment, Material, Scene, TextureSlot};
-use glam::Vec3;
+use bismar::scene::{AlphaMode, Environment, Material, Scene, TextureSlot};
+use glam::{Vec3, vec4};
 
 use crate::helpers::gltf_parts::{Parts, floats, scene_file};
 use crate::helpers::program::{Folder, assert_same_bits, bits, expect, says, stdout};
-use crate::helpers::stage::{Stage, rectangle};
+use crate::helpers::stage::{Stage, add, add_sphere, closed_box, rectangle, sphere};
 use crate::import_content::{accessor, with};
 
 /// Two triangles side by side, seen by a camera in front: the first of material 0, the second of material 1.
@@ -95,6 +95,60 @@ fn a_lamp_over_a_floor_is_enough_light() {
         let found = of(1e-6);
         assert!(!found.is_enough() && found.lit == 0 && found.surfaces > 100, "{found:?}");
     }
+}
+
+/// A floor under a small lamp, with these spheres around it: radius, whether it shows its inside, material.
+fn lamp_in(spheres: &[(f32, bool, Material)]) -> Scene {
+    let (mut scene, center) = (Scene::default(), Vec3::new(0.0, 1.2, -0.6));
+    rectangle(&mut scene, 0.0, [-3.0, 3.0], [-3.0, 3.0], true, lambert(0.6));
+    add_sphere(&mut scene, 8, 0.05, center, area_light(300.0));
+    for (radius, inward, material) in spheres {
+        let (points, mut triangles) = sphere(16, *radius, center);
+        triangles.iter_mut().filter(|_| *inward).for_each(|corners| corners.reverse());
+        add(&mut scene, points, triangles, material.clone());
+    }
+    look(&mut scene, Vec3::new(0.0, 1.2, 4.0), Vec3::new(0.0, 0.5, 0.0), 0.6);
+    scene
+}
+
+#[test]
+fn a_lamp_behind_glass_is_enough_light_and_one_in_a_box_is_none() {
+    let of = |scene: Scene, backend| own_light(&Stage::new(scene.into(), backend).scene, 0, &RenderSettings::default());
+    let thin = |roughness| Material { bounds_medium: false, ..glass(1.5, roughness) };
+    let shell = |radius: f32, material: Material| [(radius, false, material.clone()), (0.9 * radius, true, material)];
+    let amber =
+        Material { base_color: vec4(0.9, 0.5, 0.1, 1.0), absorption: Vec3::new(1.0, 2.0, 5.0), ..glass(1.5, 0.0) };
+    let blended = Material { alpha_mode: AlphaMode::Blend, base_color: vec4(0.5, 0.5, 0.5, 0.5), ..lambert(0.5) };
+    let paper = Material { diffuse_transmission: 0.5, ..lambert(0.5) };
+    let lanterns = [
+        vec![(0.3, false, glass(1.5, 0.0))],
+        shell(0.2, glass(1.5, 0.0)).to_vec(),
+        [0.2, 0.3, 0.4, 0.5].into_iter().flat_map(|radius| shell(radius, glass(1.5, 0.0))).collect(),
+        shell(0.2, glass(1.5, 0.5)).to_vec(),
+        shell(0.2, amber.clone()).to_vec(),
+        vec![(0.2, false, amber), (0.3, false, thin(0.0)), (0.4, false, thin(0.7))],
+        vec![(0.2, false, blended)],
+        vec![(0.2, false, paper)],
+        // Around the camera too.
+        vec![(9.0, false, Material { absorption: Vec3::splat(0.1), ..glass(1.33, 0.0) })],
+    ];
+    for (case, spheres) in lanterns.iter().enumerate() {
+        for backend in [Backend::Embree, Backend::Obvhs] {
+            let found = of(lamp_in(spheres), backend);
+            assert!(found.is_enough() && found.lit * 2 > found.surfaces, "{case} {backend:?}: {found:?}");
+        }
+    }
+    let opaque = [(0.4, false, lambert(0.5)), (0.2, false, glass(1.5, 0.0))];
+    let found = of(lamp_in(&opaque), Backend::Embree);
+    assert!(!found.is_enough() && found.lit == 0, "{found:?}");
+    // A display lights neither its device nor, by its cover glass, itself.
+    let mut scene = Scene::default();
+    rectangle(&mut scene, 0.0, [-3.0, 0.0], [-3.0, 3.0], true, lambert(0.5));
+    rectangle(&mut scene, 0.0, [0.0, 3.0], [-3.0, 3.0], true, Material { emissive: Vec3::ONE, ..lambert(0.5) });
+    closed_box(&mut scene, Vec3::new(0.001, 0.001, -3.0), Vec3::new(3.0, 0.01, 3.0), glass(1.5, 0.0));
+    look(&mut scene, Vec3::new(0.0, 5.0, 0.0), Vec3::ZERO, 0.9);
+    let found = of(scene, Backend::Embree);
+    assert!(!found.is_enough() && found.surfaces * 3 > found.covered, "{found:?}");
 }
 
 #[test]

@@ -45,6 +45,7 @@ mod light_groups;
 mod lights;
 mod limits;
 mod look;
+mod media;
 mod memory;
 mod merge;
 mod motion;

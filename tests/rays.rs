@@ -7,8 +7,8 @@ use std::sync::{Arc, Mutex};
 use bismar::Error;
 use bismar::rays::cwbvh::{ObvhsOptions, ObvhsRays, Preset, TreeKind, TriangleTest};
 use bismar::rays::embree::{EmbreeOptions, EmbreeRays, Packets, Quality};
-use bismar::rays::{self, Backend, HitBatch, MISS, RayBatch, RayOrder, RayQueries};
-use bismar::scene::{AlphaMode, Instance, Material, Mesh, Object, Scene};
+use bismar::rays::{self, AnyHit, Backend, HitBatch, MISS, RayBatch, RayOrder, RayQueries};
+use bismar::scene::{AlphaMode, Instance, Material, Mesh, Object, Primitive, Scene};
 use glam::{Affine3A, Quat, Vec3, Vec4, vec3};
 
 mod reference;
@@ -124,6 +124,51 @@ fn rays_at_soup(len: usize, seed: u64) -> RayBatch {
 const RECIPROCAL: f32 = 2.0 * f32::EPSILON;
 
 const LENGTHS: [usize; 9] = [0, 1, 7, 8, 9, 15, 16, 17, 1000];
+
+#[test]
+fn all_hits_are_the_closest_ones_one_after_the_other_and_all_that_coincide() {
+    let mut scene = Arc::unwrap_or_clone(soups());
+    // Backends list all hits in scenes with bodies.
+    let body = Material { metallic: 0.0, transmission: 1.0, bounds_medium: true, ..Material::default() };
+    scene.materials.push(body);
+    // One object twice in one place.
+    let twice = scene.instances.last().unwrap().clone();
+    scene.instances.push(twice);
+    let twice = scene.instances.len() as u32 - 2;
+    let scene = Arc::new(scene);
+    for backend in backends(&scene).into_iter().chain(other_choices(&scene)) {
+        let rays = rays_at_soup(1000, 7);
+        let mut found = vec![AnyHit { ray: 9, t: 0.0, primitive: Primitive { instance: 0, mesh: 0, prim: 0 } }];
+        backend.all_hits(&rays, &mut found);
+        let (mut several, mut differing) = (0, 0);
+        for ray in 0..rays.len() {
+            let key = |of: Primitive| (of.instance.min(twice), of.mesh, of.prim);
+            let all: Vec<_> = found.iter().filter(|hit| hit.ray == ray as u32).collect();
+            let mut known: Vec<_> = all.iter().map(|hit| key(hit.primitive)).collect();
+            let mut one = RayBatch::default();
+            one.push(rays.origin(ray), rays.direction(ray), rays.tnear[ray], rays.tfar[ray], 0);
+            let mut followed = Vec::new();
+            loop {
+                let hits = closest(&*backend, &one, RayOrder::Incoherent);
+                if hits.mesh[0] == MISS {
+                    break;
+                }
+                followed.push(key(hits.primitive(0)));
+                one.tnear[0] = hits.t[0] * (1.0 + 1e-6);
+            }
+            let both = |at: u32| all.iter().any(|hit| hit.primitive.instance == twice + at);
+            assert_eq!(both(0), both(1));
+            known.sort_unstable();
+            known.dedup();
+            followed.sort_unstable();
+            followed.dedup();
+            several += usize::from(known.len() > 2);
+            differing += usize::from(known != followed);
+        }
+        // Some are within rounding of an edge or of each other.
+        assert!(several > 20 && differing <= 3, "{several} {differing}");
+    }
+}
 
 #[test]
 fn closest_hits_are_those_of_brute_force_in_double_precision() {

@@ -15,7 +15,7 @@ use bismar::render::{Choice, GlassShadows, RenderSettings, Technique, transport}
 use bismar::scene::{PunctualKind, Scene};
 use glam::Vec3;
 
-use crate::helpers::stage::{Stage, glass_hall, globe_hall, hall, moving_hall, punctual};
+use crate::helpers::stage::{Stage, glass_hall, globe_hall, hall, moving_hall, pool, punctual};
 
 /// Keeps each path's radiance.
 #[derive(Default)]
@@ -67,6 +67,8 @@ fn each_path_of_a_wave_is_the_scalar_path() {
         (globe_hall(), Backend::Obvhs, Balance::Half, 12, 4000, Choice::Off, false, Straight),
         (globe_hall(), Backend::Obvhs, Balance::Power, 3, 4000, Choice::Off, false, Straight),
         (globe_hall(), Backend::Obvhs, Balance::Power, 8, 4000, Choice::On, false, Straight),
+        (sized(pool()), Backend::Obvhs, Balance::Half, 8, 4000, Choice::Off, false, Straight),
+        (sized(pool()), Backend::Obvhs, Balance::Power, 6, 4000, Choice::On, false, GlassShadows::Off),
     ] {
         let stage = Stage::new(scene, backend);
         let even = RenderSettings::even().with(Technique::Guiding, guiding);

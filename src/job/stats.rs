@@ -45,6 +45,8 @@ pub struct Stats {
     /// What the pre-passes found.
     #[serde(flatten)]
     prepasses: Found,
+    /// Settings by which the picture's mean is not that of the scene's light, and depends on techniques.
+    biased_by: Vec<&'static str>,
     fireflies: Fireflies,
     not_finite: NotFinite,
     /// Wall seconds by phase.
@@ -66,6 +68,12 @@ pub struct Stats {
 
 /// Header attribute with the statistics as JSON.
 const HEADER_ATTRIBUTE: &str = "bismar.stats";
+
+/// The clamps that are set.
+fn clamps(settings: &RenderSettings) -> Vec<&'static str> {
+    let clamps = [("clamp_direct", settings.clamp_direct), ("clamp_indirect", settings.clamp_indirect)];
+    clamps.into_iter().filter(|(_, limit)| limit.is_some()).map(|(name, _)| name).collect()
+}
 
 /// Whether the header holds statistics.
 pub fn are_in(header: &Header) -> bool {
@@ -180,6 +188,7 @@ impl Stats {
             samples: Samples::of(rendered),
             techniques: Decisions::of(settings, &stats.techniques),
             prepasses: stats.techniques,
+            biased_by: clamps(settings),
             fireflies: Fireflies::of(rendered),
             not_finite: NotFinite { count: stats.not_finite, first: stats.first_not_finite },
             seconds,
@@ -267,6 +276,13 @@ impl Stats {
         if let Some([x, y, path]) = self.not_finite.first {
             remarks +=
                 &format!("; {} samples were not finite, the first by {}", self.not_finite.count, replay(x, y, path));
+        }
+        if !self.biased_by.is_empty() {
+            let flags = self.biased_by.iter().map(|name| format!("--{}", name.replace('_', "-"))).collect::<Vec<_>>();
+            remarks += &format!(
+                "; {} makes the picture darker than the truth, by how much depends on --balance and techniques",
+                flags.join(" and ")
+            );
         }
         let exposure = if self.has_preview { format!(", exposure {} EV", self.exposure) } else { String::new() };
         let noise = match (self.noise.is_finite(), self.settings.noise) {

@@ -1,6 +1,8 @@
 //! Decides whether a scene's own light lights what the camera sees, or the default light ([`Environment::studio`]) is added.
 //! A first pass of very few pixels counts the surfaces that the light reaches. An emissive material alone says nothing: it
-//! may be a display on a device, which lights nothing.
+//! may be a display on a device, which lights nothing. Light reaches a surface if paths find it, or if straight shadow rays do that
+//! pass all glass, rough or smooth: few paths find a lamp in a glass bulb, and which ones is chance. What shines behind smooth
+//! glass is seen, and reaches nothing by that.
 //!
 //! The decision depends on the scene and the camera alone, with the camera's own aspect ratio: not on the size of the
 //! picture, its seed, its stop rules, parts or threads.
@@ -10,17 +12,17 @@
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use glam::Vec3;
 use serde::Serialize;
 
-use super::RenderSettings;
 use super::prepass::low_resolution::{in_tiles, low_resolution};
 use super::transport::transport;
+use super::{GlassShadows, RenderSettings};
 use crate::color::luminance;
-use crate::film::{ExtraSums, PixelStats};
-use crate::integrator::clients::{AovColumns, Aovs, Contributions, PixelSums};
-use crate::integrator::{PixelTask, PreparedScene, Transport, Wave};
-use crate::scene::{Environment, Scene};
+use crate::integrator::data::queues::{PathRays, ShadowRays};
+use crate::integrator::events::{FoundEmission, UnoccludedLight};
+use crate::integrator::{PathEvents, PixelTask, PreparedScene, Transport, Wave, WaveContext};
+use crate::rays::{HitBatch, MISS};
+use crate::scene::{Environment, Scene, TextureSlot};
 
 /// Pixels of the first pass: 32 x 18 for the usual aspect ratio.
 const PIXELS: f64 = 576.0;
@@ -28,7 +30,8 @@ const PIXELS: f64 = 576.0;
 const PATHS: u32 = 8;
 /// Segments of its paths: light from a lamp, after up to two reflections.
 const MAX_DEPTH: u32 = 4;
-/// Reflected radiance (luminance) from which a pixel is lit. White is 1; a display shows a tenth of this as black.
+/// Reflected radiance (luminance) from which a pixel is lit; more where it shines, as a display in its own cover glass does. White is
+/// 1; a display shows a tenth of this as black.
 const LIT: f32 = 1e-3;
 /// Emitted radiance (luminance) from which a pixel needs no other light.
 const SHINES: f32 = 1e-2;
@@ -79,34 +82,77 @@ pub fn own_light(scene: &PreparedScene, camera: usize, shown: &RenderSettings) -
         ..RenderSettings::even()
     };
     let (size, camera) = low_resolution(scene, &settings, PIXELS);
-    let transport = Transport { camera, ..transport(scene, &settings) };
-    let counts = transport.half(PATHS);
-    let of_tile = |wave: &mut Wave, pixels: Vec<[u32; 2]>| {
-        let tasks: Vec<_> = pixels.into_iter().map(|pixel| PixelTask::first(pixel, counts, 0)).collect();
-        let mut stats = vec![PixelStats::default(); tasks.len()];
-        let mut extras = vec![ExtraSums::default(); tasks.len()];
-        let mut columns = AovColumns::default();
-        let aovs =
-            Aovs { sums: &mut [], extras: &mut extras, groups: &mut [], indirect: &mut [], columns: &mut columns };
-        wave.run(&transport, &tasks, &mut (PixelSums::new(&mut stats), Some(aovs), None::<Contributions>));
-        let mut found = OwnLight::default();
-        for (stats, extras) in stats.iter().zip(&extras).filter(|(stats, _)| 2 * stats.covered >= PATHS) {
-            let all = Vec3::from(stats.sum.map(|x| x as f32));
-            let [all, emitted] = [all, extras.emission.into()].map(|sum| luminance(sum) / PATHS as f32);
-            let is_lit = all - emitted >= LIT;
-            found.covered += 1;
-            found.surfaces += u32::from(is_lit || emitted < SHINES);
-            found.lit += u32::from(is_lit);
-        }
-        found
+    let pixels = |scene: &PreparedScene, glass_shadows| {
+        let settings = RenderSettings { glass_shadows, ..settings.clone() };
+        let transport = Transport { camera: camera.clone(), ..transport(scene, &settings) };
+        let counts = transport.half(PATHS);
+        let of_tile = |wave: &mut Wave, pixels: Vec<[u32; 2]>| {
+            let tasks: Vec<_> = pixels.into_iter().map(|pixel| PixelTask::first(pixel, counts, 0)).collect();
+            let mut client = FirstPass(vec![PixelLight::default(); tasks.len()]);
+            wave.run(&transport, &tasks, &mut client);
+            client.0
+        };
+        // It takes a few milliseconds: nobody stops it.
+        in_tiles(size, &AtomicBool::new(false), of_tile).unwrap_or_default().concat()
     };
-    // It takes a few milliseconds: nobody stops it.
-    let tiles = in_tiles(size, &AtomicBool::new(false), of_tile).unwrap_or_default();
-    tiles.into_iter().fold(OwnLight::default(), |all, tile| OwnLight {
-        covered: all.covered + tile.covered,
-        surfaces: all.surfaces + tile.surfaces,
-        lit: all.lit + tile.lit,
-    })
+    let mut found = pixels(scene, GlassShadows::Off);
+    if scene.materials.transmits {
+        for (pixel, clear) in found.iter_mut().zip(pixels(&with_clear_glass(scene), GlassShadows::Straight)) {
+            pixel.reflected = pixel.reflected.max(clear.reflected);
+        }
+    }
+    let mut all = OwnLight::default();
+    for PixelLight { emitted, reflected, .. } in found.into_iter().filter(|pixel| 2 * pixel.covered >= PATHS) {
+        let [emitted, reflected] = [emitted, reflected].map(|sum| sum / PATHS as f32);
+        let is_lit = reflected >= LIT.max(0.5 * emitted);
+        all.covered += 1;
+        all.surfaces += u32::from(is_lit || emitted < SHINES);
+        all.lit += u32::from(is_lit);
+    }
+    all
+}
+
+/// What the paths of a pixel find: sums of luminance, and how many meet a surface.
+#[derive(Debug, Clone, Copy, Default)]
+struct PixelLight {
+    /// Seen directly, or through smooth glass.
+    emitted: f32,
+    reflected: f32,
+    covered: u32,
+}
+
+/// Sums the light of the first pass, by pixel.
+struct FirstPass(Vec<PixelLight>);
+
+impl PathEvents for FirstPass {
+    fn hits(&mut self, at: &WaveContext, rays: &PathRays, hits: &HitBatch) {
+        for (path, _) in rays.path.iter().zip(&hits.mesh[..rays.len]).filter(|(_, mesh)| **mesh != MISS) {
+            self.0[at.pixel(*path)].covered += u32::from(at.depth == 0);
+        }
+    }
+
+    fn emission(&mut self, at: &WaveContext, rays: &PathRays, found: &FoundEmission) {
+        let row = found.ray as usize;
+        let pixel = &mut self.0[at.pixel(rays.path[row])];
+        let is_seen = rays.history(row).has_met_only_glass(at.depth);
+        *(if is_seen { &mut pixel.emitted } else { &mut pixel.reflected }) += luminance(found.radiance);
+    }
+
+    fn unoccluded(&mut self, at: &WaveContext, shadows: &ShadowRays, found: &UnoccludedLight) {
+        self.0[at.pixel(shadows.path[found.row])].reflected += luminance(found.radiance);
+    }
+}
+
+/// The same scene with smooth glass instead of all that light passes, so that straight shadow rays do.
+fn with_clear_glass<'a>(scene: &PreparedScene<'a>) -> PreparedScene<'a> {
+    let mut clear = Scene::clone(&scene.scene);
+    for material in clear.materials.iter_mut().filter(|material| material.transmits()) {
+        // Half of what is diffuse, so that what it scatters is found too.
+        material.transmission = material.transmission.max(0.5 * material.diffuse_transmission);
+        (material.roughness, material.anisotropy) = (0.0, 0.0);
+        material.textures[TextureSlot::SpecularGlossiness] = None;
+    }
+    PreparedScene::after(Arc::new(clear), Arc::clone(&scene.rays), None)
 }
 
 /// The same scene with the default light.

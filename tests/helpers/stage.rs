@@ -86,6 +86,24 @@ pub fn globe_hall() -> Arc<Scene> {
     Arc::new(scene)
 }
 
+/// [`hall`] under water, with the camera and the lamp in it: a globe of glass around a body of another medium, and two boxes that touch.
+pub fn pool() -> Arc<Scene> {
+    let mut scene = Arc::unwrap_or_clone(hall());
+    let medium = |ior, absorption| Material { absorption, ..glass(ior, 0.0) };
+    let water = medium(1.33, Vec3::new(0.1, 0.05, 0.02));
+    closed_box(&mut scene, Vec3::new(-5.0, -0.5, -5.0), Vec3::new(5.0, 2.5, 5.0), water.clone());
+    for (radius, material) in [(0.4, glass(1.5, 0.0)), (0.25, medium(1.4, Vec3::new(3.0, 1.0, 0.2)))] {
+        add_sphere(&mut scene, 6, radius, Vec3::new(-0.9, 0.7, 1.2), material);
+    }
+    let dark = medium(1.5, Vec3::new(0.5, 1.0, 2.0));
+    closed_box(&mut scene, Vec3::new(0.5, 0.1, 1.3), Vec3::new(0.8, 0.5, 1.7), dark.clone());
+    closed_box(&mut scene, Vec3::new(0.8, 0.1, 1.3), Vec3::new(1.1, 0.5, 1.7), water);
+    // It reaches out of the water.
+    closed_box(&mut scene, Vec3::new(-2.0, 1.9, -1.0), Vec3::new(-1.0, 2.8, 0.0), Material { roughness: 0.4, ..dark });
+    scene.lights.push(punctual(PunctualKind::Point, 2.0, Vec3::new(0.4, 1.8, 2.4), Vec3::NEG_Y));
+    Arc::new(scene)
+}
+
 /// A metal sphere on a diffuse floor under an area light and a grey environment.
 pub fn hall() -> Arc<Scene> {
     let mut scene = Scene { environment: Some(Environment::constant([0.3; 3])), ..Default::default() };

@@ -211,11 +211,12 @@ pub struct RenderArgs {
     #[arg(long, value_name = "SIZE", value_parser = parse_size, help_heading = "Sampling")]
     pub guiding_memory: Option<u64>,
     /// Clamp direct light: largest radiance, in the brightest channel, of one contribution at the first surface. Removes
-    /// fireflies, but the picture becomes darker than the truth [default: no limit].
+    /// fireflies, but the picture becomes darker than the truth, by how much depends on --balance and other techniques
+    /// [default: no limit].
     #[arg(long, value_name = "X", value_parser = positive, help_heading = "Sampling")]
     pub clamp_direct: Option<f64>,
-    /// Clamp indirect light: largest radiance, in the brightest channel, of one contribution found after the first surface
-    /// [default: no limit].
+    /// Clamp indirect light: largest radiance, in the brightest channel, of one contribution found after the first surface.
+    /// As --clamp-direct, it makes the picture darker, by how much depends on techniques [default: no limit].
     #[arg(long, value_name = "X", value_parser = positive, help_heading = "Sampling")]
     pub clamp_indirect: Option<f64>,
     /// Pixel reconstruction filter, applied by importance sampling.

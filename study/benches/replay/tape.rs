@@ -3,7 +3,7 @@
 use std::sync::Mutex;
 use std::time::Instant;
 
-use bismar::rays::{BackendInfo, HitBatch, RayBatch, RayOrder, RayQueries};
+use bismar::rays::{AnyHit, BackendInfo, HitBatch, RayBatch, RayOrder, RayQueries};
 use bismar_study::clock::{process_seconds, thread_seconds};
 use bismar_study::rays::stream::Kind;
 
@@ -70,6 +70,10 @@ impl RayQueries for Stopwatch<'_> {
 
     fn occluded(&self, rays: &RayBatch, order: RayOrder, occluded: &mut Vec<bool>) {
         self.time(Kind::Occluded, order, || self.inner.occluded(rays, order, occluded));
+    }
+
+    fn all_hits(&self, rays: &RayBatch, found: &mut Vec<AnyHit>) {
+        self.inner.all_hits(rays, found);
     }
 
     fn info(&self) -> &BackendInfo {

@@ -6,7 +6,7 @@ use std::sync::atomic::AtomicBool;
 
 use bismar::Result;
 use bismar::integrator::PreparedScene;
-use bismar::rays::{BackendInfo, HitBatch, RayBatch, RayOrder, RayQueries};
+use bismar::rays::{AnyHit, BackendInfo, HitBatch, RayBatch, RayOrder, RayQueries};
 use bismar::render::{Balance, PixelFilter, RenderSettings, render};
 use bismar::sampling::SplitMix64;
 use bismar::scene::{Scene, TextureSlot};
@@ -58,6 +58,10 @@ impl RayQueries for Recorder<'_> {
     fn occluded(&self, rays: &RayBatch, order: RayOrder, occluded: &mut Vec<bool>) {
         self.record(Kind::Occluded, order, rays);
         self.inner.occluded(rays, order, occluded);
+    }
+
+    fn all_hits(&self, rays: &RayBatch, found: &mut Vec<AnyHit>) {
+        self.inner.all_hits(rays, found);
     }
 
     fn info(&self) -> &BackendInfo {

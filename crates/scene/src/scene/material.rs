@@ -291,4 +291,10 @@ impl Material {
     pub fn transmits(&self) -> bool {
         self.has_dielectric() && (self.transmission > 0.0 || self.diffuse_transmission > 0.0)
     }
+
+    /// Is its surface the boundary of a medium that light enters?
+    #[inline]
+    pub fn bounds_body(&self) -> bool {
+        self.bounds_medium && self.transmits()
+    }
 }

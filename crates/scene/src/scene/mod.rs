@@ -167,8 +167,14 @@ impl Scene {
             (&self.materials, &self.textures) == (&other.materials, &other.textures) && images(self) == images(other)
         };
         meshes(self) == meshes(other)
+            && self.has_bodies() == other.has_bodies()
             && placements(self) == placements(other)
             && (opaque(self) && opaque(other) || same_alpha())
+    }
+
+    /// Does any material bound a medium, so that backends must list all hits of a ray?
+    pub fn has_bodies(&self) -> bool {
+        self.materials.iter().any(Material::bounds_body)
     }
 
     /// Is there a light source, or are all materials unlit?
@@ -197,7 +203,7 @@ impl Scene {
     /// World-space lower and upper corner of an axis-aligned box that contains every placed mesh, metres; `None` for an
     /// empty scene. It is the smallest such box if no instance is rotated.
     pub fn bounds(&self) -> Option<[Vec3; 2]> {
-        self.boxes().map(|(low, high)| [low, high]).reduce(|[l, h], [low, high]| [l.min(low), h.max(high)])
+        self.boxes(|_| true).map(|(_, corners)| corners).reduce(|[l, h], [low, high]| [l.min(low), h.max(high)])
     }
 
     /// Height of the lowest point, over a played animation, metres; `None` for an empty scene.
@@ -251,27 +257,27 @@ impl Scene {
         })
     }
 
-    /// World-space lower and upper corner of a box around each placed mesh.
-    fn boxes(&self) -> impl Iterator<Item = (Vec3, Vec3)> {
-        let mesh_boxes: Vec<(Vec3, Vec3)> = self
-            .meshes
-            .iter()
-            .map(|mesh| {
-                let points = mesh.positions.iter().map(|&p| Vec3::from_array(p));
-                points.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)))
-            })
-            .collect();
-        self.instances.iter().flat_map(move |instance| {
+    /// World-space lower and upper corner of a box around each placed mesh of those that `take` takes, with the indices of instance and
+    /// mesh.
+    pub fn boxes(&self, take: impl Fn(&Mesh) -> bool) -> impl Iterator<Item = ([u32; 2], [Vec3; 2])> {
+        let mesh_box = |mesh: &Arc<Mesh>| {
+            let points = mesh.positions.iter().filter(|_| take(mesh)).map(|&p| Vec3::from_array(p));
+            points.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)))
+        };
+        let mesh_boxes: Vec<_> = self.meshes.iter().map(mesh_box).collect();
+        (0..).zip(&self.instances).flat_map(move |(index, instance)| {
             let meshes = self.objects[instance.object as usize].meshes.clone();
-            let boxes: Vec<_> = meshes.map(|mesh| mesh_boxes[mesh as usize]).collect();
-            boxes.into_iter().filter(|(l, h)| l.x <= h.x).map(|(l, h)| match instance.transform {
-                None => (l, h),
-                Some(t) => (0..8).fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), corner| {
+            let boxes: Vec<_> = meshes.map(|mesh| (mesh, mesh_boxes[mesh as usize])).collect();
+            let placed = |(l, h): (Vec3, Vec3)| match instance.transform {
+                None => [l, h],
+                Some(t) => (0..8).fold([Vec3::INFINITY, Vec3::NEG_INFINITY], |[low, high], corner| {
                     let pick = |axis: usize| if corner >> axis & 1 == 0 { l[axis] } else { h[axis] };
                     let p = t.transform_point3(Vec3::new(pick(0), pick(1), pick(2)));
-                    (low.min(p), high.max(p))
+                    [low.min(p), high.max(p)]
                 }),
-            })
+            };
+            let boxes = boxes.into_iter().filter(|(_, (l, h))| l.x <= h.x);
+            boxes.map(move |(mesh, corners)| ([index, mesh], placed(corners)))
         })
     }
 }

@@ -43,6 +43,17 @@ pub struct HitBatch {
     pub prim: Vec<u32>,
 }
 
+/// One of all hits of a ray.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AnyHit {
+    /// Row of the ray.
+    pub ray: u32,
+    /// Distance in units of the direction's length.
+    pub t: f32,
+    /// The triangle.
+    pub primitive: Primitive,
+}
+
 /// Coherence of neighbouring rays in a batch. A hint: it may only change which one of several coincident surfaces is hit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RayOrder {

@@ -13,7 +13,7 @@ use obvhs::ray::{Ray, RayHit};
 use obvhs::rt_triangle::RtTriangle;
 use obvhs::triangle::Triangle;
 
-use super::batch::{HitBatch, MISS, NO_PRIMITIVE, RayBatch, RayOrder};
+use super::batch::{AnyHit, HitBatch, MISS, NO_PRIMITIVE, RayBatch, RayOrder};
 use super::build::{Watch, build_units, check_watch};
 use super::check::check;
 use super::queries::{BackendInfo, RayQueries};
@@ -182,6 +182,21 @@ impl ObvhsRays {
         })
     }
 
+    fn all_hits_of<T: IntersectionTest>(&self, ray: &Ray, mut found: impl FnMut(f32, Primitive)) {
+        // None of them ends the ray.
+        self.top.misses(*ray, |world, at| {
+            let placement = &self.placements[self.top.order()[at] as usize];
+            let bottom_level = &self.bottom_levels[placement.bottom_level as usize];
+            bottom_level.bvh.misses(placement.ray(world), |ray, at| {
+                if let Some((t, _, _)) = T::intersect(&bottom_level.triangles[at], ray) {
+                    found(t, placed(bottom_level.ids[at], placement.instance));
+                }
+                f32::INFINITY
+            });
+            f32::INFINITY
+        });
+    }
+
     fn closest_hits_by<T: IntersectionTest>(&self, rays: &RayBatch, hits: &mut HitBatch) {
         for at in 0..rays.len() {
             let ((t, u, v), primitive) = self.closest::<T>(&scaled_ray(rays, at), rays.key[at]);
@@ -208,6 +223,18 @@ impl RayQueries for ObvhsRays {
         match self.test {
             TriangleTest::Embree => self.occluded_by::<EmbreeTest>(rays, occluded),
             TriangleTest::Obvhs => self.occluded_by::<ObvhsTest>(rays, occluded),
+        }
+    }
+
+    fn all_hits(&self, rays: &RayBatch, found: &mut Vec<AnyHit>) {
+        found.clear();
+        for at in 0..rays.len() {
+            let ray = scaled_ray(rays, at);
+            let add = |t, primitive| found.push(AnyHit { ray: at as u32, t: t * DIRECTION_SCALE, primitive });
+            match self.test {
+                TriangleTest::Embree => self.all_hits_of::<EmbreeTest>(&ray, add),
+                TriangleTest::Obvhs => self.all_hits_of::<ObvhsTest>(&ray, add),
+            }
         }
     }
 

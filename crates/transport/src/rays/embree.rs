@@ -26,7 +26,7 @@ use std::time::Instant;
 
 use embree4_sys as sys;
 
-use super::batch::{HitBatch, RayBatch, RayOrder};
+use super::batch::{AnyHit, HitBatch, RayBatch, RayOrder};
 use super::build::{Watch, build_units};
 use super::check::check;
 use super::queries::{BackendInfo, RayQueries};
@@ -78,9 +78,13 @@ impl EmbreeRays {
         let mesh_range = |object: u32| scene.objects[object as usize].meshes.clone();
         let has_alpha =
             scene.instances.iter().flat_map(|instance| mesh_range(instance.object)).any(|mesh| scene.has_alpha(mesh));
-        let top = device.new_scene(has_alpha, options);
+        // All hits are collected by a filter, of opaque surfaces too.
+        let has_bodies = scene.has_bodies();
+        let filters = has_alpha || has_bodies;
+        let top = device.new_scene(filters, options);
         let attach = |target: &SceneHandle, id: u32, mesh: u32| {
-            device.attach_mesh(target, id, &scene.meshes[mesh as usize], scene.has_alpha(mesh), options.quality);
+            let filters = has_bodies || scene.has_alpha(mesh);
+            device.attach_mesh(target, id, &scene.meshes[mesh as usize], filters, options.quality);
         };
         let mut progress = CommitProgress::new(watch, build_units(&scene));
         let mut objects: Vec<Option<SceneHandle>> = scene.objects.iter().map(|_| None).collect();
@@ -97,7 +101,7 @@ impl EmbreeRays {
             };
             let object = &mut objects[instance.object as usize];
             if object.is_none() {
-                let built = device.new_scene(has_alpha, options);
+                let built = device.new_scene(filters, options);
                 for (id, mesh) in meshes.clone().enumerate() {
                     attach(&built, id as u32, mesh);
                 }
@@ -159,6 +163,10 @@ impl RayQueries for EmbreeRays {
             }
             Packets::Renderer | Packets::Sixteen => wide16::occluded(&self.committed, rays, coherence, occluded),
         }
+    }
+
+    fn all_hits(&self, rays: &RayBatch, found: &mut Vec<AnyHit>) {
+        single::all_hits(&self.committed, rays, found);
     }
 
     fn info(&self) -> &BackendInfo {

@@ -15,7 +15,7 @@ pub mod cwbvh;
 pub mod embree;
 mod queries;
 
-pub use batch::{HitBatch, MISS, RayBatch, RayOrder};
+pub use batch::{AnyHit, HitBatch, MISS, RayBatch, RayOrder};
 pub use build::Watch;
 pub use queries::{BackendInfo, RayQueries};
 

@@ -1,6 +1,6 @@
 //! The interface of ray query backends.
 
-use super::batch::{HitBatch, RayBatch, RayOrder};
+use super::batch::{AnyHit, HitBatch, RayBatch, RayOrder};
 
 /// Description of a backend, for `--stats` and image headers.
 #[derive(Debug, Clone)]
@@ -25,6 +25,9 @@ pub trait RayQueries: Send + Sync {
     fn closest_hits(&self, rays: &RayBatch, order: RayOrder, hits: &mut HitBatch);
     /// Tests whether anything lies in each ray's interval; resizes `occluded` to the batch.
     fn occluded(&self, rays: &RayBatch, order: RayOrder, occluded: &mut Vec<bool>);
+    /// Replaces `found` by all hits in each ray's interval, of surfaces whatever their alpha. They come in any order, a triangle
+    /// sometimes twice. For scenes that [have bodies](crate::scene::Scene::has_bodies).
+    fn all_hits(&self, rays: &RayBatch, found: &mut Vec<AnyHit>);
     /// Name, version and costs of the backend.
     fn info(&self) -> &BackendInfo;
 }
@@ -36,6 +39,10 @@ impl<T: RayQueries + ?Sized> RayQueries for &T {
 
     fn occluded(&self, rays: &RayBatch, order: RayOrder, occluded: &mut Vec<bool>) {
         (**self).occluded(rays, order, occluded);
+    }
+
+    fn all_hits(&self, rays: &RayBatch, found: &mut Vec<AnyHit>) {
+        (**self).all_hits(rays, found);
     }
 
     fn info(&self) -> &BackendInfo {

@@ -64,6 +64,11 @@ impl RayHistory {
         }
     }
 
+    /// Has it met nothing but smooth glass before a ray at `depth`? True of camera rays.
+    pub fn has_met_only_glass(self, depth: u32) -> bool {
+        u32::from(self.glass_bounces) == depth
+    }
+
     /// Is it a camera ray or a mirror image of one?
     pub fn is_mirror_image(self) -> bool {
         self.flags & MIRROR_IMAGE != 0

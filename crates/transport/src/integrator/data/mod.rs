@@ -1,5 +1,6 @@
 //! What stages read and write: the input of paths ([`transport`], [`task`]), queues of rays, vertices, and the state of paths.
 
+pub mod boundaries;
 pub mod camera;
 pub mod context;
 pub mod counts;

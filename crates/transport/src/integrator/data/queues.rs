@@ -23,7 +23,7 @@ pub struct PathRays {
     pub index: Vec<u32>,
     /// Seed of the pixel's sequence.
     pub seed: Vec<u32>,
-    /// Medium of the ray, an index into [`Materials::media`](crate::integrator::Materials::media); unused if none absorbs.
+    /// Media of the ray, a stack of [`Materials::media`](crate::integrator::Materials::media); unused if rays track none.
     pub medium: Vec<u32>,
     /// Roulette probability of the light sample at the ray origin; unused without a guiding field.
     pub light_probability: Vec<f32>,
@@ -124,7 +124,7 @@ impl SortedHits {
 pub struct BodyColumns {
     /// All bits set if the ray passes bodies, else none.
     pub passes: Vec<u32>,
-    /// Medium at the origin, an index into [`Materials::media`](crate::integrator::Materials::media). `radiance` is not attenuated yet.
+    /// Media at the origin, a stack of [`Materials::media`](crate::integrator::Materials::media). `radiance` is not attenuated yet.
     pub medium: Vec<u32>,
 }
 

@@ -33,8 +33,8 @@ pub struct Vertices {
     pub ray: Vec<u32>,
     /// Seed of the pixel's sequence.
     pub seed: Vec<u32>,
-    /// Media on the side of `wo` and beyond the surface, indices into [`Materials::media`](crate::integrator::Materials::media); present if
-    /// one absorbs.
+    /// Media on the side of `wo` and beyond the surface, stacks of [`Materials::media`](crate::integrator::Materials::media); present if
+    /// rays track them.
     pub media: Option<[Vec<u32>; 2]>,
     /// Columns for path guiding; present if there is a field.
     pub guiding: Option<GuidingColumns>,
@@ -122,9 +122,9 @@ impl Vertices {
         self.len == 0
     }
 
-    /// Clears the vertices and makes room for `capacity`: with columns for the lobes in `lobes`, for media if some `absorb`, for
+    /// Clears the vertices and makes room for `capacity`: with columns for the lobes in `lobes`, for media if rays track them, for
     /// path guiding if `guiding`, and for times if something `moves`.
-    pub fn open(&mut self, capacity: usize, lobes: LobeSet, absorb: bool, guiding: bool, moves: bool) {
+    pub fn open(&mut self, capacity: usize, lobes: LobeSet, media: bool, guiding: bool, moves: bool) {
         for column in [&mut self.origin, &mut self.ng, &mut self.ns, &mut self.wo, &mut self.beta] {
             column.grow(capacity);
         }
@@ -133,7 +133,7 @@ impl Vertices {
         for column in [&mut self.path, &mut self.index, &mut self.ray, &mut self.seed] {
             grow(column, capacity);
         }
-        self.media = absorb.then(|| self.media.take().unwrap_or_default());
+        self.media = media.then(|| self.media.take().unwrap_or_default());
         self.media.iter_mut().flatten().for_each(|column| grow(column, capacity));
         self.guiding = guiding.then(|| self.guiding.take().unwrap_or_default());
         if let Some(GuidingColumns { cell, roulette }) = &mut self.guiding {
@@ -198,7 +198,7 @@ impl Vertices {
         SpawnedRays { origin: V3::select(beyond, far, origin), allowed: (above | beyond) & consistent, beyond }
     }
 
-    /// The media of rays that leave eight vertices; those in the mask `beyond` cross the surface. `None` if no medium absorbs.
+    /// The media of rays that leave eight vertices; those in the mask `beyond` cross the surface. `None` if rays track none.
     #[inline(always)]
     pub fn media(&self, rows: &Rows, beyond: F) -> Option<U> {
         let [near, far] = self.media.as_ref()?;

@@ -22,7 +22,6 @@ use crate::integrator::stages::mixture::{self, Mixture, MixtureSample};
 use crate::integrator::stages::requests::light_sample_index;
 use crate::integrator::stages::scatter::{ROULETTE_DEPTH, ROULETTE_GAIN};
 use crate::integrator::surface::dispersion;
-use crate::integrator::surface::materials::transmittance;
 use crate::integrator::surface::shading_normal;
 use crate::integrator::through::back_faces::{beyond, is_culled};
 use crate::integrator::through::emission_rays::emission_seed;
@@ -234,15 +233,16 @@ impl<'a> Tracer<'a> {
         let ray = &Ray { beta, ..*ray };
         let behind = if t.passes_bodies() { self.straight_behind_bodies(ray, depth, &hits) } else { Vec3::ZERO };
         let straight = sized + behind;
-        // The medium of a camera ray is that of the boundary that it hits from inside.
-        let medium = match depth {
-            0 if hits.mesh[0] != MISS => {
-                t.materials.media_at_surface(hits.mesh[0], t.point(&rays, &hits, 0).is_back_facing(direction), 0)[0]
+        let (medium, distance) = match depth {
+            0 if hits.mesh[0] != MISS && t.materials.tracks_media => {
+                let near = near.as_array()[0];
+                let (media, from) = t.media_at_camera((origin, direction), near, ray.time, &mut None);
+                let back_facing = t.point(&rays, &hits, 0).is_back_facing(direction);
+                (t.materials.media_at_surface(hits.mesh[0], back_facing, media)[0], hits.t[0] - from)
             }
-            _ => ray.medium,
+            _ => (ray.medium, hits.t[0]),
         };
-        let left =
-            if hits.mesh[0] == MISS { Vec3::ONE } else { transmittance(t.materials.media[medium as usize], hits.t[0]) };
+        let left = if hits.mesh[0] == MISS { Vec3::ONE } else { t.materials.media.transmittance(medium, distance) };
         let ray = &Ray { beta: ray.beta * left, medium, ..*ray };
         let emission = self.emission_at(ray, depth, &hits, (one_technique, walls > 0));
         if hits.mesh[0] == MISS || t.materials.mesh_material(hits.mesh[0]).unlit {
@@ -322,7 +322,14 @@ impl<'a> Tracer<'a> {
         let [color, ..] = self.sequence.sample(ray.index, dimensions::CHANNEL);
         let (seen, beta) =
             dispersion::sample_channel(point.surface_from(t.scene, direction), point.material, ray.beta, color);
-        let surface = seen.bsdf();
+        let media = match t.materials.tracks_media {
+            true => {
+                let at = (point.position, point.ng, point.origin_offset);
+                t.media_at_hit(hits.primitive(0), ray.medium, (direction, ray.time), at)
+            }
+            false => [0; 2],
+        };
+        let surface = t.materials.relative(seen, hits.mesh[0], media).bsdf();
         let scattering = Bsdf::gather([&surface; LANES]);
         let origin = point.position + ng * point.origin_offset;
         let cells = t.proposal.field.map(|field| (field, field.cells_at(V3::splat(origin), V3::splat(ng))));
@@ -339,7 +346,7 @@ impl<'a> Tracer<'a> {
             bsdf: scattering,
             transmits: scattering.transmits().any(),
             origin_offset: point.origin_offset,
-            media: t.materials.media_at_surface(hits.mesh[0], point.is_back_facing(direction), ray.medium),
+            media,
             cell: cells
                 .filter(|_| mixture::is_diffuse(&scattering).any())
                 .map_or(NO_CELL, |(field, cells)| field.guiding_cells(cells)[0]),
@@ -365,12 +372,12 @@ impl<'a> Tracer<'a> {
         let count = t.lights.sized.as_ref().map_or(0, SizedLights::count);
         for index in (0..count).filter(|_| depth > 0 && !ray.history.is_refracted()) {
             let Some(hit) = t.lights.sized_hit(t.scene, index, from, ray.direction, ray.time) else { continue };
-            let absorption = t.materials.media[if t.passes_bodies() { 0 } else { ray.medium as usize }];
+            let medium = if t.passes_bodies() { 0 } else { ray.medium };
             let mut to_light = RayBatch::default();
             to_light.push(ray.origin, ray.direction, 0.0, hit.end, ray.key);
             to_light.time.extend(t.geometry.moves.then_some(ray.time));
-            let left =
-                transmittance(absorption, hit.distance) * self.unoccluded(to_light, ray.history.is_rough(), ray.medium);
+            let left = t.materials.media.transmittance(medium, hit.distance)
+                * self.unoccluded(to_light, ray.history.is_rough(), ray.medium);
             sum += self.emission(&Ray { beta: ray.beta * left, ..*ray }, depth, hit.radiance, [0.0, hit.pdf]);
         }
         sum
@@ -460,8 +467,8 @@ impl<'a> Tracer<'a> {
     ) -> Vec3 {
         let SpawnedRay { origin, allowed, medium } = vertex.spawn_ray(wi);
         let passes_bodies = self.transport.passes_bodies();
-        let absorption = self.transport.materials.media[if passes_bodies { 0 } else { medium as usize }];
-        let radiance = radiance * transmittance(absorption, distance);
+        let absorbing = if passes_bodies { 0 } else { medium };
+        let radiance = radiance * self.transport.materials.media.transmittance(absorbing, distance);
         let refracted = vertex.ng.dot(wi) < 0.0 && bsdf_pdf >= MIRROR_PDF && vertex.is_smooth();
         let excluded = vertex.history.is_after_rough() && refracted;
         let contributes = allowed && !excluded && radiance.max_element() > 0.0 && radiance.is_finite();

@@ -3,9 +3,9 @@
 use glam::Vec3;
 
 use super::{Ray, Tracer};
+use crate::integrator::data::boundaries::Line;
 use crate::integrator::data::dimensions::MAX_WALLS;
 use crate::integrator::data::transport::Transport;
-use crate::integrator::surface::materials::transmittance;
 use crate::integrator::through::back_faces::beyond;
 use crate::integrator::through::glass_shadows;
 use crate::integrator::through::thin_walls::{Passages, is_wall};
@@ -27,7 +27,7 @@ struct StraightRay {
 impl StraightRay {
     /// What the medium leaves up to a distance.
     fn absorbed(&self, transport: &Transport, t: f32) -> Vec3 {
-        transmittance(transport.materials.media[self.medium as usize], t - self.start)
+        transport.materials.media.transmittance(self.medium, t - self.start)
     }
 }
 
@@ -73,7 +73,14 @@ impl Tracer<'_> {
             if t.passes_bodies() {
                 straight.left *= straight.absorbed(t, hits.t[0]);
                 let back_facing = t.geometry.normal(t.scene, hit, time).dot(direction) > 0.0;
-                let [_, medium] = t.materials.media_at_surface(hit.mesh, back_facing, straight.medium);
+                let start = straight.start;
+                let line = || Line {
+                    origin: rays.origin(0),
+                    direction,
+                    interval: [if start > 0.0 { beyond(start) } else { 0.0 }, beyond(hits.t[0])],
+                    time,
+                };
+                let [_, medium] = t.media_at_surface(hit, back_facing, straight.medium, line);
                 (straight.medium, straight.start) = (medium, hits.t[0]);
             }
         }

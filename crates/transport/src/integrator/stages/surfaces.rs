@@ -1,5 +1,7 @@
 //! Vertices on scattering surfaces from hits.
 
+use glam::Vec3;
+
 use super::eight_of;
 use crate::bsdf::Surface;
 use crate::integrator::data::dimensions;
@@ -11,12 +13,13 @@ use crate::integrator::surface::geometry::SurfacePoint;
 use crate::lanes::{F, LANES, NUMBERS, Rows, U, V3, eight, load, load_bits};
 use crate::rays::HitBatch;
 use crate::sampling::samples;
+use crate::scene::Primitive;
 
 /// Fills the vertices with hits on scattering surfaces. There are guiding columns if there is a field.
 pub fn vertices(transport: &Transport, sorted: &SortedHits, rays: &PathRays, hits: &HitBatch, vertices: &mut Vertices) {
     let guiding = transport.proposal.field.is_some();
     let Transport { geometry, materials, .. } = transport;
-    vertices.open(rays.len, materials.lobes, materials.absorbs(), guiding, geometry.moves);
+    vertices.open(rays.len, materials.lobes, materials.tracks_media, guiding, geometry.moves);
     for at in (0..sorted.constant.len()).step_by(LANES) {
         constant(transport, &sorted.constant, at, rays, hits, vertices);
     }
@@ -47,7 +50,10 @@ fn constant(transport: &Transport, list: &[u32], at: usize, rays: &PathRays, hit
         beta: rays.beta.load(&rows),
         origin_offset: points.origin_offset,
         bsdfs: BsdfGroup::Any(eight(|lane| transport.materials.constant_bsdf(mesh[lane], back_facing(lane)))),
-        media: media(transport, rays, &rows, mesh, back_facing),
+        media: media(transport, rays, &rows, n, |lane| {
+            let hit = Primitive { instance: instance[lane], mesh: mesh[lane], prim: prim[lane] };
+            (hit, points.position.lane(lane), points.ng.lane(lane), points.origin_offset.as_array()[lane])
+        }),
         path_ids: path_ids(rays, &rows),
         ray: numbers(rays, &rows),
     };
@@ -62,7 +68,11 @@ fn varying(transport: &Transport, list: &[u32], at: usize, rays: &PathRays, hits
         Rows::Each(rows) => rows,
     };
     let points = each.map(|ray| transport.point(&rays.rays, hits, ray as usize));
-    let group_of = |beta, bsdfs, back_facing: &dyn Fn(usize) -> bool| VertexGroup {
+    let media = media(transport, rays, &rows, n, |lane| {
+        let point = &points[lane];
+        (hits.primitive(each[lane] as usize), point.position, point.ng, point.origin_offset)
+    });
+    let group_of = |beta, bsdfs| VertexGroup {
         position: V3::gather(points.map(|p| p.position)),
         ng: V3::gather(points.map(|p| p.ng)),
         ns: V3::gather(points.map(|p| p.ns)),
@@ -70,21 +80,24 @@ fn varying(transport: &Transport, list: &[u32], at: usize, rays: &PathRays, hits
         beta,
         origin_offset: F::from(points.map(|p| p.origin_offset)),
         bsdfs,
-        media: media(transport, rays, &rows, each.map(|ray| hits.mesh[ray as usize]), back_facing),
+        media,
         path_ids: path_ids(rays, &rows),
         ray: numbers(rays, &rows),
     };
     let beta = rays.beta.load(&rows);
     if vertices.core().is_some() {
         let cores = eight(|lane| points[lane].core(transport.scene));
-        let group = group_of(beta, BsdfGroup::Core(cores.each_ref()), &|_| false);
+        let group = group_of(beta, BsdfGroup::Core(cores.each_ref()));
         return vertices.push(n, &group);
     }
     let seen = eight(|lane| points[lane].surface_from(transport.scene, rays.rays.direction(each[lane] as usize)));
     let (seen, beta) =
         if transport.materials.disperses { disperse(&points, seen, beta, rays, &rows) } else { (seen, beta) };
-    let bsdfs = eight(|lane| seen[lane].bsdf());
-    let group = group_of(beta, BsdfGroup::Any(bsdfs.each_ref()), &|lane| seen[lane].back_facing);
+    let bsdfs = eight(|lane| {
+        let stacks = media.map(|side| side.to_array()[lane]);
+        transport.materials.relative(seen[lane], hits.mesh[each[lane] as usize], stacks).bsdf()
+    });
+    let group = group_of(beta, BsdfGroup::Any(bsdfs.each_ref()));
     vertices.push(n, &group);
 }
 
@@ -107,20 +120,28 @@ fn disperse(
     (seen, V3::gather(beta))
 }
 
-/// The media on the side of `wo` and beyond the surface at eight hits; zero if none absorb.
+/// The media on the side of `wo` and beyond the surface at `n` of eight hits; zero if rays track none. `point` is a triangle, a point on it,
+/// its geometric normal, and the offset of ray origins.
 #[inline(always)]
 fn media(
     transport: &Transport,
     rays: &PathRays,
     rows: &Rows,
-    mesh: [u32; LANES],
-    back_facing: impl Fn(usize) -> bool,
+    n: usize,
+    point: impl Fn(usize) -> (Primitive, Vec3, Vec3, f32),
 ) -> [U; 2] {
-    if !transport.materials.absorbs() {
+    if !transport.materials.tracks_media {
         return [U::ZERO; 2];
     }
-    let medium = load_bits(&rays.medium, rows).to_array();
-    let sides = eight(|lane| transport.materials.media_at_surface(mesh[lane], back_facing(lane), medium[lane]));
+    let (media, direction, time) = (load_bits(&rays.medium, rows), rays.rays.directions(rows), rays.rays.times(rows));
+    let (media, time) = (media.to_array(), time.to_array());
+    let sides = eight(|lane| {
+        if lane >= n {
+            return [0; 2];
+        }
+        let (hit, position, ng, offset) = point(lane);
+        transport.media_at_hit(hit, media[lane], (direction.lane(lane), time[lane]), (position, ng, offset))
+    });
     [0, 1].map(|side| U::from(eight(|lane| sides[lane][side])))
 }
 

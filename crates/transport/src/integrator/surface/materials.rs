@@ -1,11 +1,18 @@
 //! Per-scene and per-mesh material data that does not depend on the hit point.
 
+use std::collections::HashMap;
 use std::sync::Arc;
 
 use glam::{Vec3, Vec4};
 
+use super::media::{Media, Medium};
 use crate::bsdf::{Anisotropy, Bsdf, Iridescence, LobeSet, Surface};
 use crate::scene::{AlphaMode, Material, Mesh, Scene, TextureSlot};
+
+/// Bodies that are compared with each other at most; of more, some meet.
+const MOST_BODIES: usize = 10_000;
+/// Most entries of [`Materials::bodies`].
+const MOST_BOXES: usize = 64;
 
 /// Transmittance, linear RGB, over `distance` metres in a medium of absorption coefficient `absorption` per metre.
 #[inline]
@@ -33,7 +40,7 @@ pub struct MeshMaterial {
     /// Does it bound a medium, and is it smooth, so that shadow rays may pass it straight
     /// ([`glass_shadows`](crate::integrator::through::glass_shadows))? Textures decide at each point.
     pub smooth_body: bool,
-    /// The medium that it bounds, an index into [`Materials::media`]; `None` for surfaces that bound none.
+    /// The medium that it bounds, as in stacks of [`Materials::media`]; `None` for surfaces that bound none.
     pub interior_medium: Option<u32>,
 }
 
@@ -59,26 +66,30 @@ pub struct Materials {
     pub blends: bool,
     /// Does any surface disperse?
     pub disperses: bool,
-    /// Absorption coefficients of the media, linear RGB per metre. Medium 0 is the vacuum outside all others. If it is the
-    /// only one, rays do not track media.
-    pub media: Vec<Vec3>,
+    /// The media of the scene.
+    pub media: Media,
+    /// Do rays track media: does any absorb, or may bodies touch or overlap?
+    pub tracks_media: bool,
+    /// May bodies touch or overlap, so that boundaries are relative to the medium on the other side?
+    pub bodies_meet: bool,
+    /// Boxes outside of which there are no bodies, world space: the lowest and the highest corner.
+    pub bodies: Vec<[Vec3; 2]>,
+    /// Sum of the edges of a body's box in metres, by instance and mesh.
+    pub body_sizes: HashMap<[u32; 2], f32>,
 }
 
 impl Materials {
     /// Prepares the materials of a scene.
     pub fn new(scene: &Scene) -> Self {
         let constant: Vec<_> = scene.materials.iter().map(|m| untextured(m).bsdf()).collect();
-        let mut media = vec![Vec3::ZERO];
-        let mut add_medium = |m: &Material| {
-            let absorbs = m.absorption.max_element() > 0.0;
-            absorbs.then(|| media.push(m.absorption));
-            if absorbs { media.len() as u32 - 1 } else { 0 }
-        };
-        let interiors: Vec<_> =
-            scene.materials.iter().map(|m| (m.transmits() && m.bounds_medium).then(|| add_medium(m))).collect();
+        let medium = |m: &Material| m.bounds_body().then_some(Medium { absorption: m.absorption, ior: m.ior });
+        let (media, interiors) = Media::new(scene.materials.iter().map(medium));
+        let (bodies, bodies_meet, body_sizes) = boxes_of_bodies(scene);
         let kind = |(mesh, moves): (&Arc<Mesh>, bool)| {
             let own = mesh.material as usize;
-            classify(scene, mesh, moves, &constant[own], interiors[own])
+            let mut kind = classify(scene, mesh, moves, &constant[own], interiors[own]);
+            kind.constant &= !(bodies_meet && kind.interior_medium.is_some());
+            kind
         };
         let mesh_materials: Vec<_> = scene.meshes.iter().zip(scene.moving_meshes()).map(kind).collect();
         let lit =
@@ -100,7 +111,11 @@ impl Materials {
             has_smooth_bodies: any(|kind| kind.smooth_body),
             blends: scene.materials.iter().any(|material| material.alpha_mode == AlphaMode::Blend),
             disperses: lit().any(Material::disperses),
+            tracks_media: bodies_meet || media.absorb(),
             media,
+            bodies_meet,
+            bodies,
+            body_sizes,
             mesh_materials,
         }
     }
@@ -117,21 +132,53 @@ impl Materials {
         &self.constant[usize::from(back_facing)][self.mesh_materials[mesh as usize].material as usize]
     }
 
-    /// Is there an absorbing medium?
+    /// A mesh's surface between these stacks: relative to the medium on the other side, where bodies meet.
     #[inline]
-    pub fn absorbs(&self) -> bool {
-        self.media.len() > 1
-    }
-
-    /// The media on the side of `wo` and beyond the surface, where a ray in `medium` hits a mesh.
-    #[inline]
-    pub fn media_at_surface(&self, mesh: u32, back_facing: bool, medium: u32) -> [u32; 2] {
+    pub fn relative(&self, surface: Surface, mesh: u32, stacks: [u32; 2]) -> Surface {
         match self.mesh_material(mesh).interior_medium {
-            Some(inside) if back_facing => [inside, 0],
-            Some(inside) => [medium, inside],
-            None => [medium; 2],
+            Some(medium) if self.bodies_meet => self.media.relative(surface, medium, stacks),
+            _ => surface,
         }
     }
+
+    /// The stacks on the side of `wo` and beyond the surface, where a ray with this stack hits a mesh.
+    #[inline]
+    pub fn media_at_surface(&self, mesh: u32, back_facing: bool, stack: u32) -> [u32; 2] {
+        match self.mesh_material(mesh).interior_medium {
+            Some(medium) => self.media.at_boundary(medium, back_facing, stack),
+            None => [stack; 2],
+        }
+    }
+}
+
+/// Boxes around the bodies of a scene, world space: the lowest and the highest corner. Those of bodies that touch or overlap, to
+/// rounding, are one. Says too whether there are such. A body that moves may be everywhere. Also [`Materials::body_sizes`].
+fn boxes_of_bodies(scene: &Scene) -> (Vec<[Vec3; 2]>, bool, HashMap<[u32; 2], f32>) {
+    if !scene.has_bodies() {
+        return Default::default();
+    }
+    let is_body = |mesh: &Mesh| scene.materials[mesh.material as usize].bounds_body();
+    let sizes = scene.boxes(is_body).map(|(body, [low, high])| (body, (high - low).element_sum())).collect();
+    let mut boxes: Vec<_> = scene.boxes(is_body).map(|(_, corners)| corners).collect();
+    if scene.meshes.iter().zip(scene.moving_meshes()).any(|(mesh, moves)| moves && is_body(mesh)) {
+        boxes.fill([Vec3::NEG_INFINITY, Vec3::INFINITY]);
+    }
+    let union = |[low, high]: [Vec3; 2], [l, h]: [Vec3; 2]| [low.min(l), high.max(h)];
+    let all = |boxes: &[[Vec3; 2]]| boxes.iter().copied().reduce(union).into_iter().collect::<Vec<_>>();
+    if boxes.len() > MOST_BODIES {
+        return (all(&boxes), true, sizes);
+    }
+    let mut apart: Vec<[Vec3; 2]> = Vec::new();
+    for &[low, high] in &boxes {
+        let margin = 1e-5 * low.abs().max(high.abs()).max_element();
+        let mut one = [low - margin, high + margin];
+        while let Some(at) = apart.iter().position(|[l, h]| l.cmple(one[1]).all() && h.cmpge(one[0]).all()) {
+            one = union(one, apart.swap_remove(at));
+        }
+        apart.push(one);
+    }
+    let meet = apart.len() < boxes.len();
+    (if apart.len() > MOST_BOXES { all(&apart) } else { apart }, meet, sizes)
 }
 
 /// What shading a mesh needs, with the BSDF of its material without textures.

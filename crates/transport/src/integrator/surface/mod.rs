@@ -1,6 +1,7 @@
-//! Surfaces at hits: geometry, materials, shading normals, dispersion.
+//! Surfaces at hits: geometry, materials, media, shading normals, dispersion.
 
 pub mod dispersion;
 pub mod geometry;
 pub mod materials;
+pub mod media;
 pub(super) mod shading_normal;

@@ -54,7 +54,7 @@ impl GlassShadows {
         let is_rough = |row: usize| rays.history[row].is_rough();
         self.hits.copy_from(hits);
         self.beta.copy_from(&rays.beta);
-        let medium = transport.materials.absorbs().then(|| &rays.medium[..rays.len]);
+        let medium = transport.materials.tracks_media.then(|| &rays.medium[..rays.len]);
         self.walls.begin(transport, rays.len, hits, &is_rough, medium);
         // Rays have passed the thin walls that they pass.
         self.walls.retain(|row| is_rough(row) && !is_wall(transport, hits.mesh[row]));

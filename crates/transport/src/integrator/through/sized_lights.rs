@@ -96,7 +96,7 @@ impl SizedLightHits {
             let emitted = V3::gather(eight(|lane| hits[lane].1.radiance * weights[lane]));
             let (beta, survivors) = (rays.beta.load(&rows), Survivors::of(mask(group.len())));
             let mut radiance = beta * emitted;
-            let medium = transport.materials.absorbs().then(|| load_bits(&rays.medium, &rows));
+            let medium = transport.materials.tracks_media.then(|| load_bits(&rays.medium, &rows));
             if transport.passes_bodies() {
                 let rough = U::from(hits.map(|(row, _)| u32::from(rays.history(row as usize).is_rough())));
                 shadows.set_bodies(&survivors, cast::<F, U>(are(rough, 1)), medium.unwrap_or(U::ZERO));

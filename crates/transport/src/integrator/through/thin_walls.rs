@@ -9,12 +9,12 @@ use glam::Vec3;
 
 use super::back_faces::{BackFaces, beyond};
 use crate::bsdf::{Bsdf, Lobe, Parameters};
+use crate::integrator::data::boundaries::Line;
 use crate::integrator::data::context::WaveContext;
 use crate::integrator::data::dimensions::{self, MAX_WALLS};
 use crate::integrator::data::queues::{PathRays, ShadowRays};
 use crate::integrator::data::transport::Transport;
 use crate::integrator::surface::geometry::SurfacePoint;
-use crate::integrator::surface::materials::transmittance;
 use crate::integrator::surface::shading_normal;
 use crate::lanes::{F, LANES, U, V3, V3Column, eight};
 use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
@@ -85,7 +85,7 @@ struct WallHit {
 /// The part of a ray behind the last surface that it has passed.
 #[derive(Debug, Clone, Copy)]
 struct Segment {
-    /// An index into [`Materials::media`](crate::integrator::Materials::media).
+    /// A stack of [`Materials::media`](crate::integrator::Materials::media).
     medium: u32,
     start: f32,
 }
@@ -231,9 +231,16 @@ impl ThinWalls {
                     attenuated(row, (after * scale).length() / (before * scale).length());
                     if !self.segments.is_empty() {
                         self.absorb(transport, light, row, hits.t[row]);
-                        let back_facing = points[lane].is_back_facing(rays.direction(row));
-                        let medium = self.segments[row].medium;
-                        let [_, medium] = transport.materials.media_at_surface(hits.mesh[row], back_facing, medium);
+                        let direction = rays.direction(row);
+                        let Segment { medium, start } = self.segments[row];
+                        let line = || Line {
+                            origin: rays.origin(row),
+                            direction,
+                            interval: [if start > 0.0 { beyond(start) } else { 0.0 }, beyond(hits.t[row])],
+                            time: rays.time(row),
+                        };
+                        let back_facing = points[lane].is_back_facing(direction);
+                        let [_, medium] = transport.media_at_surface(hits.primitive(row), back_facing, medium, line);
                         self.segments[row] = Segment { medium, start: hits.t[row] };
                     }
                 }
@@ -252,7 +259,7 @@ impl ThinWalls {
     pub fn absorb(&self, transport: &Transport, light: &mut V3Column, row: usize, t: f32) {
         let Some(&Segment { medium, start }) = self.segments.get(row) else { return };
         if medium > 0 {
-            let left = transmittance(transport.materials.media[medium as usize], t - start);
+            let left = transport.materials.media.transmittance(medium, t - start);
             light.set(row, light.get(row) * left);
         }
     }

@@ -169,9 +169,9 @@ impl DeviceHandle {
         )))
     }
 
-    pub(super) fn new_scene(&self, has_alpha: bool, options: &EmbreeOptions) -> SceneHandle {
+    pub(super) fn new_scene(&self, filters: bool, options: &EmbreeOptions) -> SceneHandle {
         let flags = [
-            (has_alpha, sys::RTC_SCENE_FLAG_FILTER_FUNCTION_IN_ARGUMENTS),
+            (filters, sys::RTC_SCENE_FLAG_FILTER_FUNCTION_IN_ARGUMENTS),
             (options.compact, sys::RTC_SCENE_FLAG_COMPACT),
             (options.robust, sys::RTC_SCENE_FLAG_ROBUST),
         ];
@@ -191,7 +191,7 @@ impl DeviceHandle {
     }
 
     /// Attaches `mesh` to `target` as geometry `id`. The caller has checked the indices and keeps the mesh alive.
-    pub(super) fn attach_mesh(&self, target: &SceneHandle, id: u32, mesh: &Mesh, has_alpha: bool, quality: Quality) {
+    pub(super) fn attach_mesh(&self, target: &SceneHandle, id: u32, mesh: &Mesh, filters: bool, quality: Quality) {
         if mesh.indices.is_empty() {
             return;
         }
@@ -215,7 +215,7 @@ impl DeviceHandle {
                 share(vertices, step, sys::RTC_FORMAT_FLOAT3, data, mesh.positions.len());
             }
             share(indices, 0, sys::RTC_FORMAT_UINT3, mesh.indices.as_ptr().cast(), mesh.indices.len());
-            if has_alpha {
+            if filters {
                 sys::rtcSetGeometryEnableFilterFunctionFromArguments(geometry, true);
             }
             if quality == Quality::Low {

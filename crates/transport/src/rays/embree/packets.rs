@@ -7,7 +7,7 @@ use std::mem::offset_of;
 use embree4_sys as sys;
 
 use super::committed::{CommittedScene, Placement};
-use crate::rays::batch::{HitBatch, MISS, NO_PRIMITIVE, RayBatch};
+use crate::rays::batch::{AnyHit, HitBatch, MISS, NO_PRIMITIVE, RayBatch};
 use crate::scene::Primitive;
 
 /// How the rays of a packet are traversed.
@@ -99,6 +99,29 @@ unsafe extern "C" fn filter_alpha(args: *const sys::RTCFilterFunctionNArguments)
                 *valid = 0;
             }
         }
+    }
+}
+
+/// Embree's query context, extended by a list of all hits.
+#[repr(C)]
+struct AllHitsContext<'a> {
+    embree: sys::RTCRayQueryContext,
+    committed: &'a CommittedScene,
+    found: &'a mut Vec<AnyHit>,
+}
+
+/// Intersection filter for single rays: keeps the hit, and rejects it, so that the ray goes on.
+unsafe extern "C" fn collect_hit(args: *const sys::RTCFilterFunctionNArguments) {
+    // SAFETY: Embree calls this with valid arguments for one ray, and a packet of one has the layout of a single ray; the context
+    // is the one that `all_hits` hands over, and nobody else uses it meanwhile.
+    unsafe {
+        let context = &mut *(*args).context.cast::<AllHitsContext>();
+        let (ray, hit) =
+            ((*args).ray.cast::<sys::RTCRay>().read_unaligned(), (*args).hit.cast::<sys::RTCHit>().read_unaligned());
+        let Placement { instance, mesh } = context.committed.placement_of(hit.geomID, hit.instID[0]);
+        let primitive = Primitive { instance, mesh, prim: hit.primID };
+        context.found.push(AnyHit { ray: ray.id, t: ray.tfar, primitive });
+        *(*args).valid = 0;
     }
 }
 
@@ -306,6 +329,25 @@ pub(super) mod single {
                 (t, primitive) = (one.ray.tfar, Primitive { instance, mesh, prim: hit.primID });
             }
             hits.set(i, (t, hit.u, hit.v), primitive);
+        }
+    }
+
+    pub fn all_hits(committed: &CommittedScene, rays: &RayBatch, found: &mut Vec<AnyHit>) {
+        found.clear();
+        let mut context = AllHitsContext { embree: sys::init_ray_query_context(), committed, found };
+        let mut args = sys::RTCIntersectArguments {
+            flags: sys::RTC_RAY_QUERY_FLAG_INCOHERENT,
+            feature_mask: sys::RTC_FEATURE_FLAG_ALL,
+            filter: Some(collect_hit),
+            context: (&raw mut context).cast(),
+            intersect: None,
+        };
+        for i in 0..rays.len() {
+            let mut one = sys::RTCRayHit { ray: ray(rays, i), ..Default::default() };
+            one.hit.geomID = sys::RTC_INVALID_GEOMETRY_ID;
+            one.hit.instID = [sys::RTC_INVALID_GEOMETRY_ID; LEVELS];
+            // SAFETY: the scene is committed, `context` lives, the ray is aligned by its type.
+            unsafe { sys::rtcIntersect1(committed.top.0, &raw mut one, &raw mut args) };
         }
     }
 
