@@ -35,7 +35,7 @@ use crate::{Error, Result};
 use committed::{CommittedScene, Placement};
 use device::{CommitProgress, DeviceHandle, DeviceMonitor, SceneHandle, best_isa};
 pub use options::{EmbreeOptions, Packets, Quality};
-use packets::{Coherence, single, wide4, wide8, wide16};
+use packets::{Coherence, Sides, single, wide4, wide8, wide16};
 
 /// Version of the Embree header that the bindings were made from.
 pub const HEADER_VERSION: &str = env!("BISMAR_EMBREE_HEADER_VERSION");
@@ -76,9 +76,14 @@ impl EmbreeRays {
         let device = DeviceHandle::new(options, &monitor)?;
         let version = device.version()?;
         let mesh_range = |object: u32| scene.objects[object as usize].meshes.clone();
-        let has_alpha =
-            scene.instances.iter().flat_map(|instance| mesh_range(instance.object)).any(|mesh| scene.has_alpha(mesh));
-        let top = device.new_scene(has_alpha, options);
+        let is_single_sided = |mesh: u32| {
+            let material = scene.meshes[mesh as usize].material;
+            scene.materials[material as usize].is_single_sided()
+        };
+        let placed = || scene.instances.iter().flat_map(|instance| mesh_range(instance.object));
+        let has_alpha = placed().any(|mesh| scene.has_alpha(mesh));
+        let filters = has_alpha || placed().any(is_single_sided);
+        let top = device.new_scene(filters, options);
         let attach = |target: &SceneHandle, id: u32, mesh: u32| {
             device.attach_mesh(target, id, &scene.meshes[mesh as usize], scene.has_alpha(mesh), options.quality);
         };
@@ -97,7 +102,7 @@ impl EmbreeRays {
             };
             let object = &mut objects[instance.object as usize];
             if object.is_none() {
-                let built = device.new_scene(has_alpha, options);
+                let built = device.new_scene(filters, options);
                 for (id, mesh) in meshes.clone().enumerate() {
                     attach(&built, id as u32, mesh);
                 }
@@ -128,22 +133,32 @@ impl EmbreeRays {
     }
 }
 
+impl EmbreeRays {
+    fn closest(&self, rays: &RayBatch, how: (Coherence, Sides), hits: &mut HitBatch) {
+        hits.resize(rays.len());
+        match self.packets {
+            Packets::Single => single::closest_hits(&self.committed, rays, how, hits),
+            Packets::Four => wide4::closest_hits(&self.committed, rays, how, hits),
+            Packets::Eight => wide8::closest_hits(&self.committed, rays, how, hits),
+            Packets::Renderer if !self.wide16 => wide8::closest_hits(&self.committed, rays, how, hits),
+            Packets::Renderer | Packets::Sixteen => wide16::closest_hits(&self.committed, rays, how, hits),
+        }
+    }
+}
+
 impl RayQueries for EmbreeRays {
     fn closest_hits(&self, rays: &RayBatch, order: RayOrder, hits: &mut HitBatch) {
-        hits.resize(rays.len());
         let coherence = match order {
             RayOrder::Incoherent if self.packets != Packets::Renderer => Coherence::Coherent,
             RayOrder::Incoherent if self.small && rays.len() >= MIN_SORTED_RAYS => Coherence::Sorted,
             RayOrder::Incoherent => Coherence::Incoherent,
             RayOrder::Coherent => Coherence::Coherent,
         };
-        match self.packets {
-            Packets::Single => single::closest_hits(&self.committed, rays, hits),
-            Packets::Four => wide4::closest_hits(&self.committed, rays, coherence, hits),
-            Packets::Eight => wide8::closest_hits(&self.committed, rays, coherence, hits),
-            Packets::Renderer if !self.wide16 => wide8::closest_hits(&self.committed, rays, coherence, hits),
-            Packets::Renderer | Packets::Sixteen => wide16::closest_hits(&self.committed, rays, coherence, hits),
-        }
+        self.closest(rays, (coherence, Sides::Both), hits);
+    }
+
+    fn closest_front_hits(&self, rays: &RayBatch, hits: &mut HitBatch) {
+        self.closest(rays, (Coherence::Incoherent, Sides::Fronts), hits);
     }
 
     fn occluded(&self, rays: &RayBatch, order: RayOrder, occluded: &mut Vec<bool>) {

@@ -23,6 +23,8 @@ pub struct BackendInfo {
 pub trait RayQueries: Send + Sync {
     /// Finds the closest hit of each ray; resizes `hits` to the batch.
     fn closest_hits(&self, rays: &RayBatch, order: RayOrder, hits: &mut HitBatch);
+    /// As [`closest_hits`](Self::closest_hits), but [backs](crate::scene::Scene::is_back) of single-sided surfaces are no hits.
+    fn closest_front_hits(&self, rays: &RayBatch, hits: &mut HitBatch);
     /// Tests whether anything lies in each ray's interval; resizes `occluded` to the batch.
     fn occluded(&self, rays: &RayBatch, order: RayOrder, occluded: &mut Vec<bool>);
     /// Name, version and costs of the backend.
@@ -32,6 +34,10 @@ pub trait RayQueries: Send + Sync {
 impl<T: RayQueries + ?Sized> RayQueries for &T {
     fn closest_hits(&self, rays: &RayBatch, order: RayOrder, hits: &mut HitBatch) {
         (**self).closest_hits(rays, order, hits);
+    }
+
+    fn closest_front_hits(&self, rays: &RayBatch, hits: &mut HitBatch) {
+        (**self).closest_front_hits(rays, hits);
     }
 
     fn occluded(&self, rays: &RayBatch, order: RayOrder, occluded: &mut Vec<bool>) {

@@ -108,7 +108,8 @@ impl Lending {
             for row in (first..vertices.len().min(first + LANES)).filter(|row| lends >> (row - first) & 1 == 1) {
                 let ray = (vertices.ray[row] - rays.first) as usize;
                 let sample = self.sample_of[ray];
-                let passed = rays.rays.tnear[ray] > 0.0 || rays.passed_wall.get(ray).is_some_and(|passed| *passed);
+                // Rays in rough directions pass no back faces.
+                let passed = rays.passed_wall.get(ray).is_some_and(|passed| *passed);
                 let Some(traced) = self.groups.is_traced(sample) else { continue };
                 if passed || !self.samples[sample as usize].rough {
                     continue;

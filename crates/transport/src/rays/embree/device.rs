@@ -169,9 +169,10 @@ impl DeviceHandle {
         )))
     }
 
-    pub(super) fn new_scene(&self, has_alpha: bool, options: &EmbreeOptions) -> SceneHandle {
+    /// A scene; `filters` allows queries to bring a filter function.
+    pub(super) fn new_scene(&self, filters: bool, options: &EmbreeOptions) -> SceneHandle {
         let flags = [
-            (has_alpha, sys::RTC_SCENE_FLAG_FILTER_FUNCTION_IN_ARGUMENTS),
+            (filters, sys::RTC_SCENE_FLAG_FILTER_FUNCTION_IN_ARGUMENTS),
             (options.compact, sys::RTC_SCENE_FLAG_COMPACT),
             (options.robust, sys::RTC_SCENE_FLAG_ROBUST),
         ];

@@ -30,26 +30,38 @@ impl Coherence {
     }
 }
 
-/// Embree's query context, extended by the data of the alpha filter.
+/// Which sides of single-sided surfaces rays hit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Sides {
+    Both,
+    Fronts,
+}
+
+/// Embree's query context, extended by the data of the filter.
 #[repr(C)]
 struct QueryContext<'a> {
     embree: sys::RTCRayQueryContext,
     committed: &'a CommittedScene,
-    /// [`RayBatch::key`], by ray id.
-    keys: &'a [u32],
+    /// By ray id.
+    rays: &'a RayBatch,
+    sides: Sides,
 }
 
 impl<'a> QueryContext<'a> {
-    fn new(committed: &'a CommittedScene, rays: &'a RayBatch) -> Self {
-        Self { embree: sys::init_ray_query_context(), committed, keys: &rays.key }
+    fn new(committed: &'a CommittedScene, rays: &'a RayBatch, sides: Sides) -> Self {
+        Self { embree: sys::init_ray_query_context(), committed, rays, sides }
     }
 
     fn filter(&self) -> sys::RTCFilterFunctionN {
-        if self.committed.has_alpha { Some(filter_alpha) } else { None }
+        if self.committed.has_alpha || self.sides == Sides::Fronts { Some(filter) } else { None }
     }
 
     /// Arguments of queries for closest hits, which the context must outlive.
-    fn intersect(&mut self, flags: sys::RTCRayQueryFlags) -> sys::RTCIntersectArguments {
+    fn intersect(&mut self, mut flags: sys::RTCRayQueryFlags) -> sys::RTCIntersectArguments {
+        if self.sides == Sides::Fronts {
+            // Else it is called for meshes with alpha only.
+            flags |= sys::RTC_RAY_QUERY_FLAG_INVOKE_ARGUMENT_FILTER;
+        }
         sys::RTCIntersectArguments {
             flags,
             feature_mask: sys::RTC_FEATURE_FLAG_ALL,
@@ -71,8 +83,8 @@ impl<'a> QueryContext<'a> {
     }
 }
 
-/// Intersection filter: rejects the hits of a packet that fail the alpha test.
-unsafe extern "C" fn filter_alpha(args: *const sys::RTCFilterFunctionNArguments) {
+/// Intersection filter: rejects the hits of a packet that fail the alpha test, and those on backs if only fronts count.
+unsafe extern "C" fn filter(args: *const sys::RTCFilterFunctionNArguments) {
     // A packet of N has a column of N values for each field of the single-ray struct.
     const ID: usize = offset_of!(sys::RTCRay, id) / 4;
     const U: usize = offset_of!(sys::RTCHit, u) / 4;
@@ -94,8 +106,14 @@ unsafe extern "C" fn filter_alpha(args: *const sys::RTCFilterFunctionNArguments)
             let hit = |column: usize| *args.hit.cast::<u32>().add(column * n + lane);
             let placement = context.committed.placement_of(hit(GEOMETRY), hit(INSTANCE));
             let [u, v] = [hit(U), hit(V)].map(f32::from_bits);
-            let key = context.keys[ray(ID) as usize];
-            if !context.committed.scene.is_present(key, placement.instance, placement.mesh, hit(PRIM), u, v) {
+            let (rays, id) = (context.rays, ray(ID) as usize);
+            let Placement { instance, mesh } = placement;
+            let prim = hit(PRIM);
+            let scene = &context.committed.scene;
+            let is_back = || scene.is_back(Primitive { instance, mesh, prim }, rays.direction(id), rays.time(id));
+            if context.sides == Sides::Fronts && is_back()
+                || !scene.is_present(rays.key[id], instance, mesh, prim, u, v)
+            {
                 *valid = 0;
             }
         }
@@ -217,8 +235,13 @@ macro_rules! packet_queries {
                 }
             }
 
-            pub fn closest_hits(scene: &CommittedScene, rays: &RayBatch, coherence: Coherence, hits: &mut HitBatch) {
-                let mut context = QueryContext::new(scene, rays);
+            pub fn closest_hits(
+                scene: &CommittedScene,
+                rays: &RayBatch,
+                (coherence, sides): (Coherence, Sides),
+                hits: &mut HitBatch,
+            ) {
+                let mut context = QueryContext::new(scene, rays, sides);
                 let mut args = context.intersect(coherence.flags());
                 let mut packet = sys::$ray_hit::default();
                 packet.ray.mask = [u32::MAX; $n];
@@ -250,7 +273,7 @@ macro_rules! packet_queries {
             }
 
             pub fn occluded(scene: &CommittedScene, rays: &RayBatch, coherence: Coherence, occluded: &mut [bool]) {
-                let mut context = QueryContext::new(scene, rays);
+                let mut context = QueryContext::new(scene, rays, Sides::Both);
                 let mut args = context.occluded(coherence.flags());
                 let mut packet = sys::$ray { mask: [u32::MAX; $n], ..Default::default() };
                 for_each_packet(rays, $n, coherence == Coherence::Sorted, |rows, len| {
@@ -290,8 +313,8 @@ pub(super) mod single {
         }
     }
 
-    pub fn closest_hits(scene: &CommittedScene, rays: &RayBatch, hits: &mut HitBatch) {
-        let mut context = QueryContext::new(scene, rays);
+    pub fn closest_hits(scene: &CommittedScene, rays: &RayBatch, (_, sides): (Coherence, Sides), hits: &mut HitBatch) {
+        let mut context = QueryContext::new(scene, rays, sides);
         let mut args = context.intersect(sys::RTC_RAY_QUERY_FLAG_INCOHERENT);
         for i in 0..rays.len() {
             let mut one = sys::RTCRayHit { ray: ray(rays, i), ..Default::default() };
@@ -310,7 +333,7 @@ pub(super) mod single {
     }
 
     pub fn occluded(scene: &CommittedScene, rays: &RayBatch, occluded: &mut [bool]) {
-        let mut context = QueryContext::new(scene, rays);
+        let mut context = QueryContext::new(scene, rays, Sides::Both);
         let mut args = context.occluded(sys::RTC_RAY_QUERY_FLAG_INCOHERENT);
         for (i, occluded) in occluded.iter_mut().enumerate() {
             let mut one = ray(rays, i);
