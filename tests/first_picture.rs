@@ -1,19 +1,16 @@
-//! The first picture of a file that nobody has prepared: its default light, back faces, texture coordinates, and what is said.
+//! The first picture of a file that nobody has prepared: its default light, texture coordinates, and what is said.
 
 use std::fs;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
-use bismar::balance::Counts;
-use bismar::film::{PixelStats, Pixels};
-use bismar::integrator::clients::PixelSums;
-use bismar::integrator::{PixelTask, Wave, scalar};
+use bismar::film::Pixels;
 use bismar::rays::Backend;
 use bismar::render::default_light::own_light;
-use bismar::render::{BackFaces, Choice, RenderSettings, RunOptions, Technique, run, transport};
-use bismar::scene::build::{area_light, lambert, look, metal};
+use bismar::render::{Choice, RenderSettings, RunOptions, Technique, run};
+use bismar::scene::build::{area_light, lambert, look};
 use bismar::scene::import::{ImportOptions, NoteKind, import};
-use bismar::scene::{Environment, Material, Scene, TextureSlot};
+use bismar::scene::{Scene, TextureSlot};
 use glam::Vec3;
 
 use crate::helpers::gltf_parts::{Parts, floats, scene_file};

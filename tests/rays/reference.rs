@@ -110,6 +110,7 @@ impl Reference {
             assert!((v - plane.weights[2]).abs() <= e, "{what}: v {v} is not {} ± {e}", plane.weights[2]);
             assert!(plane.t - te <= sure, "{what} is said to hit at {t} but hits at {sure} before");
             assert!(t >= tnear && t <= tfar, "{what}: t {t}");
+            assert!(hits.back[at] == plane.is_back || e > 1e-3, "{what}: the side");
             unique += usize::from(possible.iter().filter(|&&t| t <= sure).count() == 1);
         }
         unique

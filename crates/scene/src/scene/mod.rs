@@ -152,14 +152,17 @@ impl Scene {
         moving
     }
 
-    /// Does a ray of this direction meet the back of a surface that has a front only? The front is where the winding is
-    /// counter-clockwise or, under a transform that mirrors, clockwise. `time` is in [0, 1] of the shutter.
+    /// Does the mesh have a front only ([`Material::is_single_sided`])?
+    #[inline]
+    pub fn is_single_sided(&self, mesh: u32) -> bool {
+        self.materials[self.meshes[mesh as usize].material as usize].is_single_sided()
+    }
+
+    /// Does a ray of this direction meet the back of a triangle? The front is where the winding is counter-clockwise or, under a
+    /// transform that mirrors, clockwise. `time` is in [0, 1] of the shutter.
     #[inline]
     pub fn is_back(&self, Primitive { instance, mesh, prim }: Primitive, direction: Vec3, time: f32) -> bool {
         let mesh = &self.meshes[mesh as usize];
-        if !self.materials[mesh.material as usize].is_single_sided() {
-            return false;
-        }
         let vertices = mesh.indices[prim as usize];
         let [a, b, c] = match &mesh.motion {
             None => vertices.map(|i| Vec3::from_array(mesh.positions[i as usize])),

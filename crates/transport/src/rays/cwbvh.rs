@@ -148,6 +148,10 @@ impl ObvhsRays {
         (!self.has_alpha[id.mesh as usize] || is_present(placed(id, instance))).then_some((t, u, v))
     }
 
+    fn is_back(&self, rays: &RayBatch, at: usize, primitive: Primitive) -> bool {
+        self.scene.is_back(primitive, rays.direction(at), rays.time(at))
+    }
+
     /// Distance, barycentric weights and triangle of the closest hit that `counts`, or of a miss.
     #[inline(always)]
     fn closest<T: IntersectionTest>(
@@ -200,7 +204,8 @@ impl ObvhsRays {
         for at in 0..rays.len() {
             let ((t, u, v), primitive) =
                 self.closest::<T>(&scaled_ray(rays, at), rays.key[at], |primitive| counts(at, primitive));
-            hits.set(at, (t * DIRECTION_SCALE, u, v), primitive);
+            let back = primitive.mesh != MISS && self.is_back(rays, at, primitive);
+            hits.set(at, (t * DIRECTION_SCALE, u, v), primitive, back);
         }
     }
 
@@ -219,7 +224,9 @@ impl RayQueries for ObvhsRays {
     }
 
     fn closest_front_hits(&self, rays: &RayBatch, hits: &mut HitBatch) {
-        let is_front = |at: usize, primitive| !self.scene.is_back(primitive, rays.direction(at), rays.time(at));
+        let is_front = |at: usize, primitive: Primitive| {
+            !(self.scene.is_single_sided(primitive.mesh) && self.is_back(rays, at, primitive))
+        };
         match self.test {
             TriangleTest::Embree => self.closest_hits_by::<EmbreeTest>(rays, hits, is_front),
             TriangleTest::Obvhs => self.closest_hits_by::<ObvhsTest>(rays, hits, is_front),

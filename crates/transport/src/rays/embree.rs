@@ -76,13 +76,9 @@ impl EmbreeRays {
         let device = DeviceHandle::new(options, &monitor)?;
         let version = device.version()?;
         let mesh_range = |object: u32| scene.objects[object as usize].meshes.clone();
-        let is_single_sided = |mesh: u32| {
-            let material = scene.meshes[mesh as usize].material;
-            scene.materials[material as usize].is_single_sided()
-        };
         let placed = || scene.instances.iter().flat_map(|instance| mesh_range(instance.object));
         let has_alpha = placed().any(|mesh| scene.has_alpha(mesh));
-        let filters = has_alpha || placed().any(is_single_sided);
+        let filters = has_alpha || placed().any(|mesh| scene.is_single_sided(mesh));
         let top = device.new_scene(filters, options);
         let attach = |target: &SceneHandle, id: u32, mesh: u32| {
             device.attach_mesh(target, id, &scene.meshes[mesh as usize], scene.has_alpha(mesh), options.quality);

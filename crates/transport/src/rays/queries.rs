@@ -23,7 +23,7 @@ pub struct BackendInfo {
 pub trait RayQueries: Send + Sync {
     /// Finds the closest hit of each ray; resizes `hits` to the batch.
     fn closest_hits(&self, rays: &RayBatch, order: RayOrder, hits: &mut HitBatch);
-    /// As [`closest_hits`](Self::closest_hits), but [backs](crate::scene::Scene::is_back) of single-sided surfaces are no hits.
+    /// As [`closest_hits`](Self::closest_hits), but backs of [single-sided](crate::scene::Scene::is_single_sided) meshes are no hits.
     fn closest_front_hits(&self, rays: &RayBatch, hits: &mut HitBatch);
     /// Tests whether anything lies in each ray's interval; resizes `occluded` to the batch.
     fn occluded(&self, rays: &RayBatch, order: RayOrder, occluded: &mut Vec<bool>);

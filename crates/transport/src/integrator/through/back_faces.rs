@@ -35,10 +35,8 @@ impl BackFaces {
         }
         self.clear();
         for row in 0..rays.len() {
-            let is_back = hits.mesh[row] != MISS
-                && transport.materials.mesh_material(hits.mesh[row]).single_sided
-                && transport.scene.is_back(hits.primitive(row), rays.direction(row), rays.time(row));
-            if is_back {
+            let mesh = hits.mesh[row];
+            if hits.back[row] && mesh != MISS && transport.materials.mesh_material(mesh).single_sided {
                 let [near, far] = [rays.tnear[row], rays.tfar[row]];
                 // One that passes begins anew: by rounding, a front in the same place may lie before the back.
                 let interval = match passes(row) {

@@ -107,13 +107,12 @@ unsafe extern "C" fn filter(args: *const sys::RTCFilterFunctionNArguments) {
             let placement = context.committed.placement_of(hit(GEOMETRY), hit(INSTANCE));
             let [u, v] = [hit(U), hit(V)].map(f32::from_bits);
             let (rays, id) = (context.rays, ray(ID) as usize);
-            let Placement { instance, mesh } = placement;
-            let prim = hit(PRIM);
+            let hit = Primitive { instance: placement.instance, mesh: placement.mesh, prim: hit(PRIM) };
             let scene = &context.committed.scene;
-            let is_back = || scene.is_back(Primitive { instance, mesh, prim }, rays.direction(id), rays.time(id));
-            if context.sides == Sides::Fronts && is_back()
-                || !scene.is_present(rays.key[id], instance, mesh, prim, u, v)
-            {
+            let is_culled = context.sides == Sides::Fronts
+                && scene.is_single_sided(hit.mesh)
+                && scene.is_back(hit, rays.direction(id), rays.time(id));
+            if is_culled || !scene.is_present(rays.key[id], hit.instance, hit.mesh, hit.prim, u, v) {
                 *valid = 0;
             }
         }
@@ -252,7 +251,12 @@ macro_rules! packet_queries {
                     let valid = LaneMask::<$n>::first(len);
                     // SAFETY: the scene is committed, `context` lives, mask and packet are aligned by their types.
                     unsafe { sys::$intersect(valid.0.as_ptr(), scene.top.0, &mut packet, &mut args) };
-                    let hit = &packet.hit;
+                    let (hit, ray) = (&packet.hit, &packet.ray);
+                    // Embree's normals are those of the winding, in the space of the object.
+                    let mut back: [bool; $n] = std::array::from_fn(|lane| {
+                        let along = hit.Ng_x[lane] * ray.dir_x[lane] + hit.Ng_y[lane] * ray.dir_y[lane];
+                        along + hit.Ng_z[lane] * ray.dir_z[lane] > 0.0
+                    });
                     let (mut t, mut prim) = (packet.ray.tfar, hit.primID);
                     let (mut instance, mut mesh) = ([MISS; $n], [MISS; $n]);
                     for lane in 0..$n {
@@ -261,6 +265,12 @@ macro_rules! packet_queries {
                         } else {
                             let placement = scene.placement_of(hit.geomID[lane], hit.instID[0][lane]);
                             (instance[lane], mesh[lane]) = (placement.instance, placement.mesh);
+                            if hit.instID[0][lane] != sys::RTC_INVALID_GEOMETRY_ID {
+                                let primitive =
+                                    Primitive { instance: instance[lane], mesh: mesh[lane], prim: prim[lane] };
+                                let id = ray.id[lane] as usize;
+                                back[lane] = scene.scene.is_back(primitive, rays.direction(id), rays.time(id));
+                            }
                         }
                     }
                     store(&mut hits.t, rows, &t);
@@ -269,6 +279,7 @@ macro_rules! packet_queries {
                     store(&mut hits.instance, rows, &instance);
                     store(&mut hits.mesh, rows, &mesh);
                     store(&mut hits.prim, rows, &prim);
+                    store(&mut hits.back, rows, &back);
                 });
             }
 
@@ -323,12 +334,13 @@ pub(super) mod single {
             // SAFETY: the scene is committed, `context` lives, the ray is aligned by its type.
             unsafe { sys::rtcIntersect1(scene.top.0, &raw mut one, &raw mut args) };
             let hit = one.hit;
-            let (mut t, mut primitive) = (f32::INFINITY, NO_PRIMITIVE);
+            let (mut t, mut primitive, mut back) = (f32::INFINITY, NO_PRIMITIVE, false);
             if hit.geomID != sys::RTC_INVALID_GEOMETRY_ID {
                 let Placement { instance, mesh } = scene.placement_of(hit.geomID, hit.instID[0]);
                 (t, primitive) = (one.ray.tfar, Primitive { instance, mesh, prim: hit.primID });
+                back = scene.scene.is_back(primitive, rays.direction(i), rays.time(i));
             }
-            hits.set(i, (t, hit.u, hit.v), primitive);
+            hits.set(i, (t, hit.u, hit.v), primitive, back);
         }
     }
 
