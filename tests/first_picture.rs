@@ -1,19 +1,16 @@
-//! The first picture of a file that nobody has prepared: its default light, back faces, texture coordinates, and what is said.
+//! The first picture of a file that nobody has prepared: its default light, texture coordinates, and what is said.
 
 use std::fs;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
-use bismar::balance::Counts;
-use bismar::film::{PixelStats, Pixels};
-use bismar::integrator::clients::PixelSums;
-use bismar::integrator::{PixelTask, Wave, scalar};
+use bismar::film::Pixels;
 use bismar::rays::Backend;
 use bismar::render::default_light::own_light;
-use bismar::render::{BackFaces, Choice, RenderSettings, RunOptions, Technique, run, transport};
-use bismar::scene::build::{area_light, glass, lambert, look, metal};
+use bismar::render::{Choice, RenderSettings, RunOptions, Technique, run};
+use bismar::scene::build::{area_light, glass, lambert, look};
 use bismar::scene::import::{ImportOptions, NoteKind, import};
-use bismar::scene::{AlphaMode, Environment, Material, Scene, TextureSlot};
+use bismar::scene::{AlphaMode, Material, Scene, TextureSlot};
 use glam::{Vec3, vec4};
 
 use crate::helpers::gltf_parts::{Parts, floats, scene_file};
@@ -171,60 +168,6 @@ fn without_clipping_a_camera_with_planes_is_one_without() {
         (0..24 * 16).map(|i| pixels.at(i % 24, i / 24).0.mean()).collect::<Vec<_>>()
     };
     assert_eq!(picture(&planes), picture(&none));
-}
-
-/// A white sky with a grey wall that shows its back to the camera and to a mirror, and a diffuse floor.
-fn walls(double_sided: bool) -> Scene {
-    let mut scene = Scene { environment: Some(Environment::constant([1.0; 3])), ..Default::default() };
-    let wall = Material { double_sided, ..lambert(0.5) };
-    // It faces up; the camera and the mirror see it from below.
-    rectangle(&mut scene, 2.0, [-9.0, 9.0], [-9.0, 9.0], true, wall.clone());
-    rectangle(&mut scene, 3.0, [-9.0, 9.0], [-9.0, 9.0], true, wall);
-    rectangle(&mut scene, 0.0, [-1.0, 0.0], [-1.0, 1.0], true, metal(0.0));
-    rectangle(&mut scene, 0.0, [0.0, 1.0], [-1.0, 1.0], true, lambert(0.5));
-    look(&mut scene, Vec3::new(0.0, 1.5, 0.8), Vec3::ZERO, 1.0);
-    scene
-}
-
-#[test]
-fn the_camera_and_mirrors_do_not_see_back_faces_and_diffuse_light_does() {
-    for backend in [Backend::Embree, Backend::Obvhs] {
-        let mean = |double_sided, back_faces| {
-            let stage = Stage::new(walls(double_sided).into(), backend);
-            let settings =
-                RenderSettings { width: 32, height: 32, spp: Some(64), back_faces, ..RenderSettings::even() };
-            let green = stage.green(&settings);
-            let column = |x: usize| (12..20).map(|y| green[y * 32 + x]).sum::<f64>() / 8.0;
-            [column(10), column(22)]
-        };
-        let [culled, shown] = [BackFaces::Cull, BackFaces::Show].map(|back_faces| mean(false, back_faces));
-        // The mirror shows the white sky behind both walls; the floor lies in their shadow.
-        let [tint, floor] = culled;
-        assert!(tint > 0.5 && floor < 0.3, "{backend:?} {culled:?}");
-        assert!(shown[0] < 0.6 * tint && (shown[1] - floor).abs() < 0.02, "{backend:?} {shown:?}");
-        // Double-sided walls are seen in either case: the same bits.
-        assert_eq!(mean(true, BackFaces::Cull), mean(true, BackFaces::Show));
-    }
-}
-
-#[test]
-fn paths_through_back_faces_are_those_of_the_scalar_tracer() {
-    let stage = Stage::new(walls(false).into(), Backend::Obvhs);
-    let settings = RenderSettings { width: 20, height: 15, ..RenderSettings::even() };
-    let transport = transport(&stage.scene, &settings);
-    let counts = Counts::half(1);
-    let tasks: Vec<_> = (0..300).map(|i| PixelTask::first([i % 20, i / 20], counts, i)).collect();
-    let mut stats = vec![PixelStats::default(); tasks.len()];
-    Wave::default().run(&transport, &tasks, &mut PixelSums::new(&mut stats));
-    for (task, stats) in tasks.iter().zip(&stats) {
-        let scalar = scalar::trace(&transport, task, 0, &mut |_| ());
-        let wave = Vec3::from(stats.sum.map(|x| x as f32));
-        // Sums of at most 100 terms, in another order.
-        assert!(
-            (wave - scalar).abs().max_element() <= 100.0 * f32::EPSILON * scalar.max_element().max(1.0),
-            "{task:?}"
-        );
-    }
 }
 
 #[test]

@@ -11,6 +11,7 @@ mod a_slurm_of_two_nodes;
 mod adaptive;
 mod aovs;
 mod arrays;
+mod back_faces;
 mod batch;
 mod bits;
 mod bsdf;

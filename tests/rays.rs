@@ -173,7 +173,7 @@ fn all_hits_are_the_closest_ones_one_after_the_other_and_all_that_coincide() {
 #[test]
 fn closest_hits_are_those_of_brute_force_in_double_precision() {
     let scene = soups();
-    let reference = Reference::new(&scene);
+    let reference = Reference::new(&scene, true);
     for backend in backends(&scene).into_iter().chain(other_choices(&scene)) {
         for len in LENGTHS {
             let rays = rays_at_soup(len, len as u64);
@@ -184,6 +184,28 @@ fn closest_hits_are_those_of_brute_force_in_double_precision() {
                 // The test is not vacuous: many rays hit, and few are within rounding of an edge.
                 assert!(hit > 300 && hit < 700, "{hit}");
                 assert!(unique > 990, "{unique}");
+            }
+        }
+    }
+}
+
+#[test]
+fn closest_front_hits_are_those_of_brute_force_without_backs() {
+    let mut scene = Arc::unwrap_or_clone(soups());
+    scene.materials.push(Material { double_sided: true, ..Material::default() });
+    Arc::make_mut(&mut scene.meshes[0]).material = 1;
+    let scene = Arc::new(scene);
+    let reference = Reference::new(&scene, false);
+    for backend in backends(&scene).into_iter().chain(other_choices(&scene)) {
+        for len in LENGTHS {
+            let rays = rays_at_soup(len, len as u64);
+            let mut hits = closest(&*backend, &rays, RayOrder::Incoherent);
+            let all = hits.prim.clone();
+            backend.closest_front_hits(&rays, &mut hits);
+            let unique = reference.check(&rays, &hits);
+            if len == 1000 {
+                let passed = all.iter().zip(&hits.prim).filter(|(all, fronts)| all != fronts).count();
+                assert!(passed > 100 && passed < 300 && unique > 990, "{passed} {unique}");
             }
         }
     }

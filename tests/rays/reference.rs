@@ -19,6 +19,7 @@ struct Triangle {
     /// Largest growth of a rounding error through `to_object` and back.
     condition: f64,
     corners: [DVec3; 3],
+    single_sided: bool,
 }
 
 /// Intersection with a triangle's plane, with error bounds.
@@ -28,15 +29,18 @@ struct PlaneHit {
     weights: [f64; 3],
     t_error: f64,
     weight_error: f64,
+    is_back: bool,
 }
 
 /// All triangles of a scene.
 pub struct Reference {
     triangles: Vec<Triangle>,
+    /// Do backs of single-sided triangles count?
+    backs: bool,
 }
 
 impl Reference {
-    pub fn new(scene: &Scene) -> Self {
+    pub fn new(scene: &Scene, backs: bool) -> Self {
         let mut triangles = Vec::new();
         for (index, instance) in scene.instances.iter().enumerate() {
             let to_world: DAffine3 = match instance.transform {
@@ -51,14 +55,15 @@ impl Reference {
             };
             for mesh in scene.objects[instance.object as usize].meshes.clone() {
                 let data = &scene.meshes[mesh as usize];
+                let single_sided = !scene.materials[data.material as usize].double_sided;
                 for (prim, corners) in data.indices.iter().enumerate() {
                     let corners = corners.map(|v| DVec3::from(data.positions[v as usize].map(f64::from)));
                     let primitive = Primitive { instance: index as u32, mesh, prim: prim as u32 };
-                    triangles.push(Triangle { primitive, to_object, condition, corners });
+                    triangles.push(Triangle { primitive, to_object, condition, corners, single_sided });
                 }
             }
         }
-        Self { triangles }
+        Self { triangles, backs }
     }
 
     /// Panics if a hit cannot be the closest one within rounding. Returns the number of rays with a unique answer within
@@ -74,6 +79,9 @@ impl Reference {
             let mut of_hit = None;
             for triangle in &self.triangles {
                 let Some(plane) = triangle.meet(origin, direction) else { continue };
+                if !self.backs && triangle.single_sided && plane.is_back {
+                    continue;
+                }
                 let least = plane.weights.into_iter().fold(f64::INFINITY, f64::min);
                 let (e, te) = (plane.weight_error, plane.t_error);
                 if least > e && plane.t > tnear + te && plane.t < tfar - te {
@@ -102,6 +110,7 @@ impl Reference {
             assert!((v - plane.weights[2]).abs() <= e, "{what}: v {v} is not {} ± {e}", plane.weights[2]);
             assert!(plane.t - te <= sure, "{what} is said to hit at {t} but hits at {sure} before");
             assert!(t >= tnear && t <= tfar, "{what}: t {t}");
+            assert!(hits.back[at] == plane.is_back || e > 1e-3, "{what}: the side");
             unique += usize::from(possible.iter().filter(|&&t| t <= sure).count() == 1);
         }
         unique
@@ -132,6 +141,6 @@ impl Triangle {
         let det_error = steps * edge * edge * d.length() / det.abs();
         let weight_error = steps * far * d.length() * edge / det.abs() + det_error * (1.0 + u.abs() + v.abs());
         let t_error = steps * far * edge * edge / det.abs() + det_error * t.abs();
-        Some(PlaneHit { t, weights: [1.0 - u - v, u, v], t_error, weight_error })
+        Some(PlaneHit { t, weights: [1.0 - u - v, u, v], t_error, weight_error, is_back: det < 0.0 })
     }
 }

@@ -68,6 +68,10 @@ impl RayQueries for Stopwatch<'_> {
         self.time(Kind::Closest, order, || self.inner.closest_hits(rays, order, hits));
     }
 
+    fn closest_front_hits(&self, rays: &RayBatch, hits: &mut HitBatch) {
+        self.time(Kind::Closest, RayOrder::Incoherent, || self.inner.closest_front_hits(rays, hits));
+    }
+
     fn occluded(&self, rays: &RayBatch, order: RayOrder, occluded: &mut Vec<bool>) {
         self.time(Kind::Occluded, order, || self.inner.occluded(rays, order, occluded));
     }

@@ -55,6 +55,10 @@ impl RayQueries for Recorder<'_> {
         self.inner.closest_hits(rays, order, hits);
     }
 
+    fn closest_front_hits(&self, rays: &RayBatch, hits: &mut HitBatch) {
+        self.inner.closest_front_hits(rays, hits);
+    }
+
     fn occluded(&self, rays: &RayBatch, order: RayOrder, occluded: &mut Vec<bool>) {
         self.record(Kind::Occluded, order, rays);
         self.inner.occluded(rays, order, occluded);

@@ -286,6 +286,12 @@ impl Material {
         self.dispersion > 0.0 && self.bounds_medium && self.transmission > 0.0 && self.has_dielectric()
     }
 
+    /// Does the surface have a front only, and let no light through?
+    #[inline]
+    pub fn is_single_sided(&self) -> bool {
+        !self.double_sided && !self.transmits()
+    }
+
     /// Can light pass through the surface?
     #[inline]
     pub fn transmits(&self) -> bool {

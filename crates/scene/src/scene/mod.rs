@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use glam::{DVec3, Vec2, Vec3, Vec4};
+use glam::{Affine3A, DVec3, Vec2, Vec3, Vec4};
 
 pub mod alpha;
 pub mod build;
@@ -152,6 +152,32 @@ impl Scene {
         moving
     }
 
+    /// Does the mesh have a front only ([`Material::is_single_sided`])?
+    #[inline]
+    pub fn is_single_sided(&self, mesh: u32) -> bool {
+        self.materials[self.meshes[mesh as usize].material as usize].is_single_sided()
+    }
+
+    /// Does a ray of this direction meet the back of a triangle? The front is where the winding is counter-clockwise or, under a
+    /// transform that mirrors, clockwise. `time` is in [0, 1] of the shutter.
+    #[inline]
+    pub fn is_back(&self, Primitive { instance, mesh, prim }: Primitive, direction: Vec3, time: f32) -> bool {
+        let mesh = &self.meshes[mesh as usize];
+        let vertices = mesh.indices[prim as usize];
+        let [a, b, c] = match &mesh.motion {
+            None => vertices.map(|i| Vec3::from_array(mesh.positions[i as usize])),
+            Some(motion) => motion.corners(vertices, time),
+        };
+        let (e, f) = (b - a, c - a);
+        match self.instances[instance as usize].at(time) {
+            None => e.cross(f).dot(direction) > 0.0,
+            // Me × Mf = det(M) M⁻ᵀ(e × f)
+            Some(Affine3A { matrix3: m, .. }) => {
+                Vec3::from((m * e).cross(m * f)).dot(direction) * m.determinant().signum() > 0.0
+            }
+        }
+    }
+
     /// Do rays hit the same surfaces in the other scene? True only if the scenes share their meshes in memory.
     pub fn has_surfaces_of(&self, other: &Self) -> bool {
         let meshes = |scene: &Self| scene.meshes.iter().map(Arc::as_ptr).collect::<Vec<_>>();
@@ -166,8 +192,10 @@ impl Scene {
         let same_alpha = || {
             (&self.materials, &self.textures) == (&other.materials, &other.textures) && images(self) == images(other)
         };
+        let single_sided = |scene: &Self| scene.materials.iter().map(Material::is_single_sided).collect::<Vec<_>>();
         meshes(self) == meshes(other)
             && self.has_bodies() == other.has_bodies()
+            && single_sided(self) == single_sided(other)
             && placements(self) == placements(other)
             && (opaque(self) && opaque(other) || same_alpha())
     }

@@ -1,5 +1,5 @@
 //! Auxiliary features of pixels (object, normal, depth), which decide what statistics neighbouring pixels share. They are
-//! those of the surface behind thin walls that most paths pass.
+//! those of the surface behind back faces and thin walls that most paths pass.
 
 use crate::balance::PixelFeatures;
 use crate::integrator::data::transport::Transport;
@@ -22,9 +22,7 @@ pub fn guides(transport: &Transport, pixels: &[[u32; 2]]) -> Vec<PixelFeatures> 
     }
     rays.close(pixels.len());
     transport.rays.closest_hits(&rays, RayOrder::Coherent, &mut hits);
-    if transport.materials.has_thin_walls {
-        thin_walls::pass_most(transport, &rays, &mut hits);
-    }
+    thin_walls::pass_most(transport, &rays, &mut hits);
     let guide = |ray: usize| {
         if hits.mesh[ray] == MISS {
             return PixelFeatures::default();

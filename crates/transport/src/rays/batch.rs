@@ -41,6 +41,8 @@ pub struct HitBatch {
     pub mesh: Vec<u32>,
     /// Index of the triangle in the mesh, or [`MISS`].
     pub prim: Vec<u32>,
+    /// Is it the triangle's back that is hit ([`Scene::is_back`](crate::scene::Scene::is_back))? No meaning for a miss.
+    pub back: Vec<bool>,
 }
 
 /// One of all hits of a ray.
@@ -184,17 +186,18 @@ impl HitBatch {
 
     /// Replaces a hit by one of another batch.
     pub fn replace(&mut self, row: usize, by: &Self, from: usize) {
-        self.set(row, (by.t[from], by.u[from], by.v[from]), by.primitive(from));
+        self.set(row, (by.t[from], by.u[from], by.v[from]), by.primitive(from), by.back[from]);
     }
 
     /// Replaces a hit by a miss.
     pub fn set_miss(&mut self, row: usize) {
-        self.set(row, (self.t[row], self.u[row], self.v[row]), NO_PRIMITIVE);
+        self.set(row, (self.t[row], self.u[row], self.v[row]), NO_PRIMITIVE, false);
     }
 
-    /// Replaces a hit: distance, barycentric weights and triangle.
+    /// Replaces a hit: distance, barycentric weights, triangle and side.
     #[inline(always)]
-    pub(super) fn set(&mut self, row: usize, (t, u, v): (f32, f32, f32), primitive: Primitive) {
+    pub(super) fn set(&mut self, row: usize, (t, u, v): (f32, f32, f32), primitive: Primitive, back: bool) {
+        self.back[row] = back;
         (self.t[row], self.u[row], self.v[row]) = (t, u, v);
         (self.instance[row], self.mesh[row], self.prim[row]) = (primitive.instance, primitive.mesh, primitive.prim);
     }
@@ -207,6 +210,7 @@ impl HitBatch {
         self.instance.clone_from(&other.instance);
         self.mesh.clone_from(&other.mesh);
         self.prim.clone_from(&other.prim);
+        self.back.clone_from(&other.back);
     }
 
     /// Resizes all columns to `len`; old entries stay.
@@ -217,5 +221,6 @@ impl HitBatch {
         for column in [&mut self.instance, &mut self.mesh, &mut self.prim] {
             column.resize(len, MISS);
         }
+        self.back.resize(len, false);
     }
 }

@@ -148,8 +148,18 @@ impl ObvhsRays {
         (!self.has_alpha[id.mesh as usize] || is_present(placed(id, instance))).then_some((t, u, v))
     }
 
-    /// Distance, barycentric weights and triangle of the closest hit, or of a miss.
-    fn closest<T: IntersectionTest>(&self, ray: &Ray, key: u32) -> ((f32, f32, f32), Primitive) {
+    fn is_back(&self, rays: &RayBatch, at: usize, primitive: Primitive) -> bool {
+        self.scene.is_back(primitive, rays.direction(at), rays.time(at))
+    }
+
+    /// Distance, barycentric weights and triangle of the closest hit that `counts`, or of a miss.
+    #[inline(always)]
+    fn closest<T: IntersectionTest>(
+        &self,
+        ray: &Ray,
+        key: u32,
+        counts: impl Fn(Primitive) -> bool,
+    ) -> ((f32, f32, f32), Primitive) {
         let mut closest = ((f32::INFINITY, 0.0, 0.0), NO_PRIMITIVE);
         let mut nearest = RayHit::none();
         self.top.closest(*ray, &mut nearest, |world, at| {
@@ -157,9 +167,10 @@ impl ObvhsRays {
             let bottom_level = &self.bottom_levels[placement.bottom_level as usize];
             let mut hit = RayHit::none();
             bottom_level.bvh.closest(placement.ray(world), &mut hit, |ray, at| {
+                let primitive = placed(bottom_level.ids[at], placement.instance);
                 match self.hit_triangle::<T>(bottom_level, placement.instance, at, ray, key) {
-                    Some((t, u, v)) if t < ray.tmax => {
-                        closest = ((t, u, v), placed(bottom_level.ids[at], placement.instance));
+                    Some((t, u, v)) if t < ray.tmax && counts(primitive) => {
+                        closest = ((t, u, v), primitive);
                         t
                     }
                     _ => f32::INFINITY,
@@ -197,10 +208,19 @@ impl ObvhsRays {
         });
     }
 
-    fn closest_hits_by<T: IntersectionTest>(&self, rays: &RayBatch, hits: &mut HitBatch) {
+    /// Closest hits that `count` for the ray of this row.
+    fn closest_hits_by<T: IntersectionTest>(
+        &self,
+        rays: &RayBatch,
+        hits: &mut HitBatch,
+        counts: impl Fn(usize, Primitive) -> bool,
+    ) {
+        hits.resize(rays.len());
         for at in 0..rays.len() {
-            let ((t, u, v), primitive) = self.closest::<T>(&scaled_ray(rays, at), rays.key[at]);
-            hits.set(at, (t * DIRECTION_SCALE, u, v), primitive);
+            let ((t, u, v), primitive) =
+                self.closest::<T>(&scaled_ray(rays, at), rays.key[at], |primitive| counts(at, primitive));
+            let back = primitive.mesh != MISS && self.is_back(rays, at, primitive);
+            hits.set(at, (t * DIRECTION_SCALE, u, v), primitive, back);
         }
     }
 
@@ -212,10 +232,19 @@ impl ObvhsRays {
 
 impl RayQueries for ObvhsRays {
     fn closest_hits(&self, rays: &RayBatch, _order: RayOrder, hits: &mut HitBatch) {
-        hits.resize(rays.len());
         match self.test {
-            TriangleTest::Embree => self.closest_hits_by::<EmbreeTest>(rays, hits),
-            TriangleTest::Obvhs => self.closest_hits_by::<ObvhsTest>(rays, hits),
+            TriangleTest::Embree => self.closest_hits_by::<EmbreeTest>(rays, hits, |_, _| true),
+            TriangleTest::Obvhs => self.closest_hits_by::<ObvhsTest>(rays, hits, |_, _| true),
+        }
+    }
+
+    fn closest_front_hits(&self, rays: &RayBatch, hits: &mut HitBatch) {
+        let is_front = |at: usize, primitive: Primitive| {
+            !(self.scene.is_single_sided(primitive.mesh) && self.is_back(rays, at, primitive))
+        };
+        match self.test {
+            TriangleTest::Embree => self.closest_hits_by::<EmbreeTest>(rays, hits, is_front),
+            TriangleTest::Obvhs => self.closest_hits_by::<ObvhsTest>(rays, hits, is_front),
         }
     }
 

@@ -35,7 +35,7 @@ use crate::{Error, Result};
 use committed::{CommittedScene, Placement};
 use device::{CommitProgress, DeviceHandle, DeviceMonitor, SceneHandle, best_isa};
 pub use options::{EmbreeOptions, Packets, Quality};
-use packets::{Coherence, single, wide4, wide8, wide16};
+use packets::{Coherence, Sides, single, wide4, wide8, wide16};
 
 /// Version of the Embree header that the bindings were made from.
 pub const HEADER_VERSION: &str = env!("BISMAR_EMBREE_HEADER_VERSION");
@@ -76,11 +76,11 @@ impl EmbreeRays {
         let device = DeviceHandle::new(options, &monitor)?;
         let version = device.version()?;
         let mesh_range = |object: u32| scene.objects[object as usize].meshes.clone();
-        let has_alpha =
-            scene.instances.iter().flat_map(|instance| mesh_range(instance.object)).any(|mesh| scene.has_alpha(mesh));
+        let placed = || scene.instances.iter().flat_map(|instance| mesh_range(instance.object));
+        let has_alpha = placed().any(|mesh| scene.has_alpha(mesh));
         // All hits are collected by a filter, of opaque surfaces too.
         let has_bodies = scene.has_bodies();
-        let filters = has_alpha || has_bodies;
+        let filters = has_alpha || has_bodies || placed().any(|mesh| scene.is_single_sided(mesh));
         let top = device.new_scene(filters, options);
         let attach = |target: &SceneHandle, id: u32, mesh: u32| {
             let filters = has_bodies || scene.has_alpha(mesh);
@@ -132,22 +132,32 @@ impl EmbreeRays {
     }
 }
 
+impl EmbreeRays {
+    fn closest(&self, rays: &RayBatch, how: (Coherence, Sides), hits: &mut HitBatch) {
+        hits.resize(rays.len());
+        match self.packets {
+            Packets::Single => single::closest_hits(&self.committed, rays, how, hits),
+            Packets::Four => wide4::closest_hits(&self.committed, rays, how, hits),
+            Packets::Eight => wide8::closest_hits(&self.committed, rays, how, hits),
+            Packets::Renderer if !self.wide16 => wide8::closest_hits(&self.committed, rays, how, hits),
+            Packets::Renderer | Packets::Sixteen => wide16::closest_hits(&self.committed, rays, how, hits),
+        }
+    }
+}
+
 impl RayQueries for EmbreeRays {
     fn closest_hits(&self, rays: &RayBatch, order: RayOrder, hits: &mut HitBatch) {
-        hits.resize(rays.len());
         let coherence = match order {
             RayOrder::Incoherent if self.packets != Packets::Renderer => Coherence::Coherent,
             RayOrder::Incoherent if self.small && rays.len() >= MIN_SORTED_RAYS => Coherence::Sorted,
             RayOrder::Incoherent => Coherence::Incoherent,
             RayOrder::Coherent => Coherence::Coherent,
         };
-        match self.packets {
-            Packets::Single => single::closest_hits(&self.committed, rays, hits),
-            Packets::Four => wide4::closest_hits(&self.committed, rays, coherence, hits),
-            Packets::Eight => wide8::closest_hits(&self.committed, rays, coherence, hits),
-            Packets::Renderer if !self.wide16 => wide8::closest_hits(&self.committed, rays, coherence, hits),
-            Packets::Renderer | Packets::Sixteen => wide16::closest_hits(&self.committed, rays, coherence, hits),
-        }
+        self.closest(rays, (coherence, Sides::Both), hits);
+    }
+
+    fn closest_front_hits(&self, rays: &RayBatch, hits: &mut HitBatch) {
+        self.closest(rays, (Coherence::Incoherent, Sides::Fronts), hits);
     }
 
     fn occluded(&self, rays: &RayBatch, order: RayOrder, occluded: &mut Vec<bool>) {

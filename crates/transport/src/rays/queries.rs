@@ -23,6 +23,8 @@ pub struct BackendInfo {
 pub trait RayQueries: Send + Sync {
     /// Finds the closest hit of each ray; resizes `hits` to the batch.
     fn closest_hits(&self, rays: &RayBatch, order: RayOrder, hits: &mut HitBatch);
+    /// As [`closest_hits`](Self::closest_hits), but backs of [single-sided](crate::scene::Scene::is_single_sided) meshes are no hits.
+    fn closest_front_hits(&self, rays: &RayBatch, hits: &mut HitBatch);
     /// Tests whether anything lies in each ray's interval; resizes `occluded` to the batch.
     fn occluded(&self, rays: &RayBatch, order: RayOrder, occluded: &mut Vec<bool>);
     /// Replaces `found` by all hits in each ray's interval, of surfaces whatever their alpha. They come in any order, a triangle
@@ -35,6 +37,10 @@ pub trait RayQueries: Send + Sync {
 impl<T: RayQueries + ?Sized> RayQueries for &T {
     fn closest_hits(&self, rays: &RayBatch, order: RayOrder, hits: &mut HitBatch) {
         (**self).closest_hits(rays, order, hits);
+    }
+
+    fn closest_front_hits(&self, rays: &RayBatch, hits: &mut HitBatch) {
+        (**self).closest_front_hits(rays, hits);
     }
 
     fn occluded(&self, rays: &RayBatch, order: RayOrder, occluded: &mut Vec<bool>) {

@@ -91,6 +91,12 @@ impl PathRays {
         self.history.get(row).copied().unwrap_or_default()
     }
 
+    /// Does a ray pass back faces ([`back_faces`](crate::integrator::through::back_faces))?
+    #[inline]
+    pub fn passes_backs(&self, transport: &Transport, row: usize) -> bool {
+        transport.culls() && self.history(row).is_mirror_image()
+    }
+
     /// Number in the wave of the first ray after these.
     pub fn next_number(&self) -> u32 {
         self.first + self.len as u32
@@ -145,6 +151,8 @@ pub struct ShadowRays {
     pub occluded: Vec<bool>,
     /// Columns for shadow rays that pass bodies of glass; present if they do.
     pub bodies: Option<BodyColumns>,
+    /// Not 0 if the ray passes back faces ([`back_faces`](crate::integrator::through::back_faces)); empty where none does.
+    pub backs: Vec<u32>,
     /// What thin walls leave of the contribution, as a ratio of lengths, at most 1; empty in scenes without thin walls.
     pub through: Vec<f32>,
     /// Number of valid rows.
@@ -164,6 +172,10 @@ impl ShadowRays {
             grow(passes, capacity);
             grow(medium, capacity);
         }
+        self.backs.clear();
+        if transport.culls() {
+            grow(&mut self.backs, capacity);
+        }
         // A wave is used for one scene after another.
         self.through.clear();
         self.len = 0;
@@ -175,6 +187,14 @@ impl ShadowRays {
         if let Some(bodies) = &mut self.bodies {
             store_bits(&mut bodies.passes, self.len, survivors.compress_bits(passes));
             store_bits(&mut bodies.medium, self.len, survivors.compress_bits(medium));
+        }
+    }
+
+    /// Sets which of the survivors that are pushed next pass back faces; else none does.
+    #[inline(always)]
+    pub fn set_backs(&mut self, survivors: &Survivors, passes: U) {
+        if !self.backs.is_empty() {
+            store_bits(&mut self.backs, self.len, survivors.compress_bits(passes));
         }
     }
 

@@ -40,6 +40,8 @@ pub struct Vertices {
     pub guiding: Option<GuidingColumns>,
     /// All bits set if the path has had a rough vertex; empty where shadow rays do not pass bodies of glass.
     pub after_rough: Vec<u32>,
+    /// All bits set if the ray that arrived is one from the camera or a mirror image of one; empty where no ray passes back faces.
+    pub mirror_image: Vec<u32>,
     /// Do the paths end here? Empty where none does.
     pub ended: Vec<bool>,
     /// Times in [0, 1] of the shutter interval; empty where nothing moves.
@@ -91,9 +93,9 @@ pub enum BsdfGroup<'a> {
 pub struct VertexGroup<'a> {
     /// World space.
     pub position: V3,
-    /// Geometric normals on the front side by the winding, any length.
+    /// Geometric normals on the front side, any length.
     pub ng: V3,
-    /// Shading normals on the front side by the winding, any length.
+    /// Shading normals on the front side, any length.
     pub ns: V3,
     /// Unit directions of the arriving rays.
     pub direction: V3,
@@ -233,6 +235,14 @@ impl Vertices {
         let refracted = after_rough & beyond & !passes;
         let excluded = if refracted.any() { refracted & self.is_smooth_glass(rows, bsdf) } else { F::ZERO };
         Some(ShadowPolicy { passes, excluded })
+    }
+
+    /// Bits of the shadow rays that pass back faces, of light samples in whose directions the BSDFs alone have these densities, as
+    /// [`RayHistory::after`](super::history::RayHistory::after) decides of BSDF samples.
+    #[inline(always)]
+    pub fn passes_backs(&self, rows: &Rows, bsdf_pdf: F) -> U {
+        let mirrored = cast::<F, U>(bsdf_pdf.simd_ge(F::splat(MIRROR_PDF)));
+        if self.mirror_image.is_empty() { U::ZERO } else { mirrored & load_bits(&self.mirror_image, rows) }
     }
 
     /// Times of eight vertices; 0 where nothing moves.

@@ -138,7 +138,8 @@ impl Lending {
             for (lane, row) in rows.enumerate().filter(|(lane, _)| lends >> lane & 1 == 1) {
                 let ray = (vertices.ray[row] - rays.first) as usize;
                 let sample = &mut self.samples[self.sample_of[ray] as usize];
-                let passed = rays.rays.tnear[ray] > 0.0 || rays.passed_wall.get(ray).is_some_and(|passed| *passed);
+                // Rays in rough directions pass no back faces.
+                let passed = rays.passed_wall.get(ray).is_some_and(|passed| *passed);
                 let Some((place, group)) = self.groups.place(self.sample_of[ray]) else { continue };
                 if passed || !sample.rough {
                     continue;

@@ -23,12 +23,11 @@ use crate::integrator::stages::requests::light_sample_index;
 use crate::integrator::stages::scatter::{ROULETTE_DEPTH, ROULETTE_GAIN};
 use crate::integrator::surface::dispersion;
 use crate::integrator::surface::shading_normal;
-use crate::integrator::through::back_faces::{beyond, is_culled};
 use crate::integrator::through::emission_rays::emission_seed;
-use crate::integrator::through::thin_walls::{self, is_wall};
+use crate::integrator::through::thin_walls::{self, beyond, is_wall};
 use crate::lanes::{F, LANES, U, V3, unit_interval};
 use crate::light::{LightSampleContext, SizedLights, punctual};
-use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
+use crate::rays::{HitBatch, MISS, RayBatch};
 use crate::sampling::{PixelSequence, hash, keys, pixel_seed};
 
 /// Kind of light in events of light samples.
@@ -54,6 +53,13 @@ struct Ray {
     history: RayHistory,
     /// Time in [0, 1] of the shutter interval.
     time: f32,
+}
+
+impl Ray {
+    /// Does it pass back faces ([`back_faces`](crate::integrator::through::back_faces))?
+    fn passes_backs(&self, transport: &Transport) -> bool {
+        transport.culls() && self.history.is_mirror_image()
+    }
 }
 
 /// A path vertex on a surface. Fields without a comment are those of [`Vertices`](crate::integrator::data::vertices::Vertices).
@@ -198,36 +204,27 @@ impl<'a> Tracer<'a> {
         };
         rays.push(origin, direction, near.as_array()[0], far.as_array()[0], ray.key);
         rays.time.extend(t.geometry.moves.then_some(ray.time));
-        t.rays.closest_hits(&rays, RayOrder::Incoherent, &mut hits);
-        let culls = t.culls_back_faces && ray.history.is_mirror_image();
-        // No light sample has the direction of a ray that has passed a back face.
-        let mut one_technique = depth == 0;
+        let passes_backs = ray.passes_backs(t);
+        self.closest_hit(&rays, passes_backs, &mut hits);
         let (mut beta, mut walls, mut last_wall) = (ray.beta, 0, None);
-        loop {
-            if culls && is_culled(t, hits.primitive(0), || direction, || ray.time) {
-                one_technique = true;
-            } else if is_wall(t, hits.mesh[0]) {
-                if walls == MAX_WALLS {
-                    return Vec3::ZERO;
-                }
-                if last_wall != Some(hits.primitive(0)) {
-                    let passages = self.passages(&hits, direction, ray.time, false);
-                    let number =
-                        thin_walls::numbers(U::splat(self.seed), U::splat(ray.index), depth, walls).as_array()[0];
-                    let (passes, factor) = passages.draw(F::splat(number));
-                    beta *= factor.lane(0);
-                    if passes.to_bitmask() & 1 == 0 {
-                        break;
-                    }
-                    self.report(depth, EventKind::PassesWall { weight: passages.weight.lane(0), t: hits.t[0] });
-                }
-                last_wall = Some(hits.primitive(0));
-                walls += 1;
-            } else {
-                break;
+        while is_wall(t, hits.mesh[0]) {
+            if walls == MAX_WALLS {
+                return Vec3::ZERO;
             }
+            if last_wall != Some(hits.primitive(0)) {
+                let passages = self.passages(&hits, direction, ray.time, false);
+                let number = thin_walls::numbers(U::splat(self.seed), U::splat(ray.index), depth, walls).as_array()[0];
+                let (passes, factor) = passages.draw(F::splat(number));
+                beta *= factor.lane(0);
+                if passes.to_bitmask() & 1 == 0 {
+                    break;
+                }
+                self.report(depth, EventKind::PassesWall { weight: passages.weight.lane(0), t: hits.t[0] });
+            }
+            last_wall = Some(hits.primitive(0));
+            walls += 1;
             rays.tnear[0] = beyond(hits.t[0]);
-            t.rays.closest_hits(&rays, RayOrder::Incoherent, &mut hits);
+            self.closest_hit(&rays, passes_backs, &mut hits);
         }
         let sized = self.sized_lights(ray, depth);
         let ray = &Ray { beta, ..*ray };
@@ -244,7 +241,7 @@ impl<'a> Tracer<'a> {
         };
         let left = if hits.mesh[0] == MISS { Vec3::ONE } else { t.materials.media.transmittance(medium, distance) };
         let ray = &Ray { beta: ray.beta * left, medium, ..*ray };
-        let emission = self.emission_at(ray, depth, &hits, (one_technique, walls > 0));
+        let emission = self.emission_at(ray, depth, &hits, walls > 0);
         if hits.mesh[0] == MISS || t.materials.mesh_material(hits.mesh[0]).unlit {
             return straight + emission;
         }
@@ -267,13 +264,7 @@ impl<'a> Tracer<'a> {
     }
 
     /// Emission at the end of a ray, whose throughput is that at the hit.
-    fn emission_at(
-        &mut self,
-        ray: &Ray,
-        depth: u32,
-        hits: &HitBatch,
-        (one_technique, passed_wall): (bool, bool),
-    ) -> Vec3 {
+    fn emission_at(&mut self, ray: &Ray, depth: u32, hits: &HitBatch, passed_wall: bool) -> Vec3 {
         let t = self.transport;
         let Ray { origin, direction, .. } = *ray;
         let excluded = ray.history.is_refracted();
@@ -284,7 +275,7 @@ impl<'a> Tracer<'a> {
                 return Vec3::ZERO;
             }
             let (radiance, pdf) = t.lights.environment(V3::splat(direction), &t.proposal.lights);
-            let pdf = if one_technique { 0.0 } else { pdf.as_array()[0] };
+            let pdf = if depth == 0 { 0.0 } else { pdf.as_array()[0] };
             return self.emission(ray, depth, radiance.lane(0), [pdf, 0.0]);
         }
         let point = t.geometry.point(t.scene, hit, (hits.u[0], hits.v[0]), ray.time);
@@ -300,9 +291,9 @@ impl<'a> Tracer<'a> {
         }
         let radiance = point.emitted_radiance(t.scene, direction);
         let (from, at) = ((origin, ray.normal), (t.scene, ray.time));
-        let pdf = match one_technique {
-            true => 0.0,
-            false => t.lights.area_pdf(at, from, hit, direction, distance, &t.proposal.lights),
+        let pdf = match depth {
+            0 => 0.0,
+            _ => t.lights.area_pdf(at, from, hit, direction, distance, &t.proposal.lights),
         };
         self.emission(ray, depth, radiance, [0.0, pdf])
     }
@@ -376,8 +367,9 @@ impl<'a> Tracer<'a> {
             let mut to_light = RayBatch::default();
             to_light.push(ray.origin, ray.direction, 0.0, hit.end, ray.key);
             to_light.time.extend(t.geometry.moves.then_some(ray.time));
-            let left = t.materials.media.transmittance(medium, hit.distance)
-                * self.unoccluded(to_light, ray.history.is_rough(), ray.medium);
+            let passes = [ray.history.is_rough(), ray.passes_backs(t)];
+            let left =
+                t.materials.media.transmittance(medium, hit.distance) * self.unoccluded(to_light, passes, ray.medium);
             sum += self.emission(&Ray { beta: ray.beta * left, ..*ray }, depth, hit.radiance, [0.0, hit.pdf]);
         }
         sum
@@ -429,7 +421,8 @@ impl<'a> Tracer<'a> {
             n: V3::splat(vertex.light_sampling_normal()),
         };
         let light = t.lights.sample(&context, mask, &t.proposal.lights, [choice, F::splat(u), F::splat(v)]);
-        let (value, mut bsdf_pdf) = vertex.bsdf.eval_pdf(V3::splat(vertex.ns), V3::splat(vertex.wo), light.wi);
+        let (value, own_pdf) = vertex.bsdf.eval_pdf(V3::splat(vertex.ns), V3::splat(vertex.wo), light.wi);
+        let mut bsdf_pdf = own_pdf;
         if let Some(mixture) = self.mixture(vertex) {
             bsdf_pdf = mixture.pdf(light.wi, bsdf_pdf);
         }
@@ -441,7 +434,8 @@ impl<'a> Tracer<'a> {
         let name = if environment { ENVIRONMENT } else { "area light" };
         let sound = pdf > 0.0;
         let radiance = if sound { radiance } else { Vec3::ZERO };
-        self.shadow_ray(vertex, depth, index, (name, wi, [distance, end], bsdf_pdf), radiance)
+        let pdfs = [bsdf_pdf, own_pdf.as_array()[0]];
+        self.shadow_ray(vertex, depth, index, (name, wi, [distance, end], pdfs), radiance)
     }
 
     fn punctual_sample(&mut self, vertex: &Vertex, depth: u32, index: u32) -> Vec3 {
@@ -453,16 +447,17 @@ impl<'a> Tracer<'a> {
         let bsdf_pdf = bsdf_pdf.as_array()[0];
         let radiance = vertex.beta * value.lane(0) * light.irradiance;
         let ends = [light.distance, light.end(vertex.position)];
-        self.shadow_ray(vertex, depth, index, ("punctual light", light.wi, ends, bsdf_pdf), radiance)
+        self.shadow_ray(vertex, depth, index, ("punctual light", light.wi, ends, [bsdf_pdf; 2]), radiance)
     }
 
-    /// Traces a shadow ray: the clamped contribution, or zero if it is occluded, not finite or below the horizon.
+    /// Traces a shadow ray: the clamped contribution, or zero if it is occluded, not finite or below the horizon. The densities are
+    /// that of BSDF samples in its direction, and that of the BSDF alone.
     fn shadow_ray(
         &mut self,
         vertex: &Vertex,
         depth: u32,
         index: u32,
-        (toward, wi, [distance, end], bsdf_pdf): (&'static str, Vec3, [f32; 2], f32),
+        (toward, wi, [distance, end], [bsdf_pdf, own_pdf]): (&'static str, Vec3, [f32; 2], [f32; 2]),
         radiance: Vec3,
     ) -> Vec3 {
         let SpawnedRay { origin, allowed, medium } = vertex.spawn_ray(wi);
@@ -480,7 +475,8 @@ impl<'a> Tracer<'a> {
         let key = hash(key(self.seed, index, dimensions::light(depth)));
         rays.push(origin, wi, 0.0, end, key);
         rays.time.extend(self.transport.geometry.moves.then_some(vertex.time));
-        let radiance = radiance * self.unoccluded(rays, bsdf_pdf < MIRROR_PDF, medium);
+        let backs = self.transport.culls() && vertex.history.is_mirror_image() && own_pdf >= MIRROR_PDF;
+        let radiance = radiance * self.unoccluded(rays, [bsdf_pdf < MIRROR_PDF, backs], medium);
         let (radiance, _) = clamp_contribution(radiance, self.transport.limits[(depth > 0) as usize]);
         let occluded = radiance == Vec3::ZERO;
         self.report(depth, EventKind::LightSample { toward, wi, distance, radiance, occluded });

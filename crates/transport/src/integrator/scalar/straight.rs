@@ -6,9 +6,9 @@ use super::{Ray, Tracer};
 use crate::integrator::data::boundaries::Line;
 use crate::integrator::data::dimensions::MAX_WALLS;
 use crate::integrator::data::transport::Transport;
-use crate::integrator::through::back_faces::beyond;
+use crate::integrator::through::back_faces::BackFaces;
 use crate::integrator::through::glass_shadows;
-use crate::integrator::through::thin_walls::{Passages, is_wall};
+use crate::integrator::through::thin_walls::{Passages, beyond, is_wall};
 use crate::lanes::LANES;
 use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
 use crate::scene::Primitive;
@@ -43,20 +43,26 @@ impl Tracer<'_> {
         rays.time.extend(t.geometry.moves.then_some(ray.time));
         let mut straight = StraightRay { left: ray.beta, medium: ray.medium, start: 0.0, last: None };
         for _ in 0..MAX_WALLS {
-            if !self.pass(&mut straight, &mut rays, &mut hits, true) {
+            if !self.pass(&mut straight, &mut rays, &mut hits, [true, ray.passes_backs(t)]) {
                 break;
             }
             let again = straight.last == Some(hits.primitive(0));
             if !again && (hits.mesh[0] == MISS || glass_shadows::emits(t, hits.mesh[0])) {
                 let beta = straight.left * straight.absorbed(t, hits.t[0]);
-                sum += self.emission_at(&Ray { beta, ..*ray }, depth, &hits, (false, false));
+                sum += self.emission_at(&Ray { beta, ..*ray }, depth, &hits, false);
             }
         }
         sum
     }
 
     /// Takes a ray through what it has hit, if light passes that straight on.
-    fn pass(&self, straight: &mut StraightRay, rays: &mut RayBatch, hits: &mut HitBatch, bodies: bool) -> bool {
+    fn pass(
+        &self,
+        straight: &mut StraightRay,
+        rays: &mut RayBatch,
+        hits: &mut HitBatch,
+        [bodies, backs]: [bool; 2],
+    ) -> bool {
         let t = self.transport;
         let hit = hits.primitive(0);
         let is_body = |mesh| mesh != MISS && t.materials.mesh_material(mesh).smooth_body;
@@ -86,8 +92,14 @@ impl Tracer<'_> {
         }
         straight.last = Some(hit);
         rays.tnear[0] = beyond(hits.t[0]);
-        t.rays.closest_hits(rays, RayOrder::Incoherent, hits);
+        self.closest_hit(rays, backs, hits);
         true
+    }
+
+    /// The closest hit of a ray, which passes back faces or not.
+    pub(super) fn closest_hit(&self, ray: &RayBatch, backs: bool, hits: &mut HitBatch) {
+        self.transport.rays.closest_hits(ray, RayOrder::Incoherent, hits);
+        BackFaces::default().resolve(self.transport, ray, &|_| backs, hits);
     }
 
     /// The light that goes straight through the surface that a ray has hit.
@@ -97,20 +109,15 @@ impl Tracer<'_> {
         Passages::at(self.transport, &[point; LANES], &[direction; LANES], bodies)
     }
 
-    /// The fraction of light that arrives along a shadow ray, which passes bodies of glass or not and begins in a medium.
-    pub(super) fn unoccluded(&self, mut ray: RayBatch, bodies: bool, medium: u32) -> Vec3 {
-        let rays = self.transport.rays;
-        if !self.transport.materials.has_thin_walls && !self.transport.passes_bodies() {
-            let mut occluded = Vec::new();
-            rays.occluded(&ray, RayOrder::Incoherent, &mut occluded);
-            return if occluded[0] { Vec3::ZERO } else { Vec3::ONE };
-        }
+    /// The fraction of light that arrives along a shadow ray, which passes bodies of glass and back faces or not, and begins in a
+    /// medium.
+    pub(super) fn unoccluded(&self, mut ray: RayBatch, [bodies, backs]: [bool; 2], medium: u32) -> Vec3 {
         let mut hits = HitBatch::default();
-        rays.closest_hits(&ray, RayOrder::Incoherent, &mut hits);
+        self.closest_hit(&ray, backs, &mut hits);
         let bodies = bodies && self.transport.passes_bodies();
         let mut straight = StraightRay { left: Vec3::ONE, medium, start: 0.0, last: None };
         for _ in 0..MAX_WALLS {
-            if !self.pass(&mut straight, &mut ray, &mut hits, bodies) {
+            if !self.pass(&mut straight, &mut ray, &mut hits, [bodies, backs]) {
                 break;
             }
         }

@@ -61,7 +61,6 @@ fn emissive_surfaces(
             let when = (transport.scene, rays.rays.time(ray));
             let pdf = match at.depth {
                 0 => 0.0,
-                _ if has_passed(rays, ray) => 0.0,
                 _ => transport.lights.area_pdf(when, from, hit, direction, hits.t[ray], &transport.proposal.lights),
             };
             found.extend(weighted(emission(ray, radiance, pdf), at, rays, non_finite));
@@ -95,17 +94,11 @@ fn environment(
             if rays.history(ray).is_refracted() || (hidden && !rays.passed_wall[ray]) {
                 continue;
             }
-            let pdf = if depth == 0 || has_passed(rays, ray) { 0.0 } else { pdf.as_array()[lane] };
+            let pdf = if depth == 0 { 0.0 } else { pdf.as_array()[lane] };
             let emission = FoundEmission { ray: row, radiance: radiance.lane(lane), pdf: [pdf, 0.0], kind, group };
             found.extend(weighted(emission, at, rays, non_finite));
         }
     }
-}
-
-/// Has the ray passed a back face ([`back_faces`](crate::integrator::through::back_faces))? Shadow rays do not: no light sample has its
-/// direction.
-fn has_passed(rays: &PathRays, ray: usize) -> bool {
-    rays.rays.tnear[ray] > 0.0
 }
 
 /// What emission at the end of a ray adds to the ray's path, weighted against light samples by MIS and clamped; `None` if that is

@@ -92,7 +92,8 @@ fn sample_extended(
     let origin_error = transmits & (load(&vertices.origin_offset, rows) * F::splat(2.0));
     let context = LightSampleContext { scene: transport.scene, time: id.time, p, origin_error, n };
     let light = transport.lights.sample(&context, is_environment, &transport.proposal.lights, [choice, u, v]);
-    let (value, mut bsdf_pdf) = bsdf.eval_pdf(vertices.ns.load(rows), vertices.wo.load(rows), light.wi);
+    let (value, own_pdf) = bsdf.eval_pdf(vertices.ns.load(rows), vertices.wo.load(rows), light.wi);
+    let mut bsdf_pdf = own_pdf;
     if let Some(mixture) = Mixture::at(transport, vertices, rows) {
         bsdf_pdf = mixture.pdf(light.wi, bsdf_pdf);
     }
@@ -105,7 +106,7 @@ fn sample_extended(
     if transport.lights.sized.is_some() {
         kind = (U::from(light.emitter) & U::splat(SIZED)).simd_eq(U::splat(SIZED)).select(sized, kind);
     }
-    let found = Found { number: numbers(kind, &light), light, radiance, bsdf_pdf };
+    let found = Found { number: numbers(kind, &light), light, radiance, bsdf_pdf, own_pdf };
     let (survivors, first_row, radiance) =
         push_shadow_rays(transport, depth, vertices, bsdf, group, &found, (non_finite, shadows));
     let emitter = light.emitter;
@@ -131,7 +132,7 @@ fn sample_punctual(
     let (value, bsdf_pdf) = bsdf.eval_pdf(vertices.ns.load(rows), vertices.wo.load(rows), light.wi);
     let radiance = vertices.beta.load(rows) * value * light.radiance;
     let number = numbers(U::splat(LightKind::Punctual as u32), &light);
-    let found = Found { light, radiance, bsdf_pdf, number };
+    let found = Found { light, radiance, bsdf_pdf, own_pdf: bsdf_pdf, number };
     push_shadow_rays(transport, depth, vertices, &bsdf, group, &found, (non_finite, shadows));
 }
 
@@ -146,6 +147,8 @@ struct Found {
     light: LightSamples,
     radiance: V3,
     bsdf_pdf: F,
+    /// Density of the BSDF alone, without a guiding field.
+    own_pdf: F,
     /// [`LightNumber`].
     number: U,
 }
@@ -163,7 +166,7 @@ fn push_shadow_rays(
     (non_finite, shadows): (&mut NonFiniteSamples, &mut ShadowRays),
 ) -> (Survivors, usize, V3) {
     let (rows, id) = (&group.rows, &group.path_ids);
-    let Found { light, bsdf_pdf, number, .. } = *found;
+    let Found { light, bsdf_pdf, own_pdf, number, .. } = *found;
     let spawned = vertices.spawn_rays(rows, bsdf.transmits(), light.wi);
     let medium = vertices.media(rows, spawned.beyond);
     let bodies = vertices.shadow_policy(rows, bsdf, bsdf_pdf, spawned.beyond);
@@ -182,6 +185,7 @@ fn push_shadow_rays(
     if let Some(bodies) = bodies {
         shadows.set_bodies(&survivors, cast(bodies.passes), medium.unwrap_or(U::ZERO));
     }
+    shadows.set_backs(&survivors, vertices.passes_backs(rows, own_pdf));
     shadows.push(&survivors, ray, light.end, (key, id.time), radiance, ids);
     (survivors, first_row, radiance)
 }

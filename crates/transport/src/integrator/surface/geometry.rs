@@ -28,7 +28,8 @@ struct ShadingTransform {
     /// Linear part of object to world.
     linear: Mat3,
     translation: Vec3,
-    /// Normal matrix: the inverse transpose times the sign of the determinant, so that normals keep agreeing with the winding.
+    /// Normal matrix: the inverse transpose. Where the transform mirrors, the front is where the winding is clockwise, as glTF has
+    /// it.
     normal: Mat3,
 }
 
@@ -37,8 +38,7 @@ impl ShadingTransform {
 
     fn new(transform: Affine3A) -> Self {
         let linear = Mat3::from(transform.matrix3);
-        let normal = linear.inverse().transpose() * linear.determinant().signum();
-        Self { linear, translation: transform.translation.into(), normal }
+        Self { linear, translation: transform.translation.into(), normal: linear.inverse().transpose() }
     }
 }
 
@@ -47,7 +47,7 @@ impl ShadingTransform {
 pub struct SurfacePoints {
     /// World space.
     pub position: V3,
-    /// Geometric normals on the front side by the winding, world space, any length.
+    /// Geometric normals on the front side, world space, any length.
     pub ng: V3,
     /// Interpolated shading normals on the same side, any length.
     pub ns: V3,
@@ -60,7 +60,7 @@ pub struct SurfacePoints {
 pub struct SurfacePoint<'a> {
     /// World space.
     pub position: Vec3,
-    /// Geometric normal on the front side by the winding, world space, any length.
+    /// Geometric normal on the front side, world space, any length.
     pub ng: Vec3,
     /// Shading normal on the same side, interpolated and normal-mapped, any length.
     pub ns: Vec3,
@@ -149,7 +149,7 @@ impl Geometry {
         SurfacePoints { position, ng, ns, origin_offset: extent * F::splat(ORIGIN_OFFSET) }
     }
 
-    /// The geometric normal of triangle `prim`, in world space and of any length, on the front side by the winding. `time` is
+    /// The geometric normal of triangle `prim`, in world space and of any length, on the front side. `time` is
     /// in [0, 1] of the shutter interval.
     #[inline]
     pub fn normal(&self, scene: &Scene, Primitive { instance, mesh, prim }: Primitive, time: f32) -> Vec3 {

@@ -33,7 +33,7 @@ pub struct MeshMaterial {
     pub emits: bool,
     /// KHR_materials_unlit: does it only emit its base colour?
     pub unlit: bool,
-    /// Does it have a front only, and let no light through?
+    /// Is it [single-sided](Material::is_single_sided)?
     pub single_sided: bool,
     /// Is it a thin wall that light may pass straight on ([`thin_walls`](crate::integrator::through::thin_walls))? Textures decide at each point.
     pub thin_wall: bool,
@@ -198,7 +198,7 @@ fn classify(scene: &Scene, mesh: &Mesh, moves: bool, bsdf: &Bsdf, interior_mediu
         black: constant_surface && bsdf.lobes().is_empty(),
         emits: m.unlit || m.is_emissive(),
         unlit: m.unlit,
-        single_sided: !m.double_sided && !m.transmits(),
+        single_sided: m.is_single_sided(),
         thin_wall: !m.bounds_medium && may_be_smooth_glass(m),
         smooth_body: m.bounds_medium && may_be_smooth_glass(m),
         interior_medium,

@@ -1,90 +1,97 @@
 //! Back faces of single-sided materials. The glTF specification culls them ("When this value is false, back-face culling is
-//! enabled"). Here rays from the camera and their mirror images pass them: camera rays, and BSDF samples of a high density
-//! whose ray before passes them too. For all other rays (shadow rays, diffuse bounces) surfaces have no sides.
+//! enabled"). Here rays from the camera and their mirror images pass them: camera rays, BSDF samples of a high density whose ray
+//! before passes them too, and shadow rays of light samples whose directions have such a density. So both techniques find the
+//! same light. For all other rays (diffuse bounces, other shadow rays) surfaces have no sides.
+//!
+//! A sheet may consist of two single-sided faces back to back in one plane. Which of them a query finds first is chance: where a
+//! back and a front are in the same place, rays that pass no backs hit the front.
 
-use glam::Vec3;
-
-use crate::integrator::data::queues::PathRays;
+use crate::integrator::data::queues::ShadowRays;
 use crate::integrator::data::transport::Transport;
-use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
-use crate::scene::Primitive;
+use crate::rays::{HitBatch, MISS, RayBatch};
 
-/// Start of the rest of a ray that has passed a face at `t`, relative to it: a few times the rounding error of `t`.
-const BEYOND: f32 = 1.0 + 1e-6;
-
-/// Faces that a ray passes at most. It ends only rays that find the same faces again and again by rounding.
-const MAX_FACES: usize = 1 << 14;
-
-/// Follows camera rays and their mirror images through back faces; one per thread.
+/// Finds what rays hit that meet backs; one per thread.
 #[derive(Debug, Default)]
 pub struct BackFaces {
-    /// Rows of the rays that hit a culled face.
-    culled: Vec<u32>,
+    /// Rows of the rays that are traced again.
+    rows: Vec<u32>,
     rays: RayBatch,
     hits: HitBatch,
 }
 
-/// Does a hit of a ray at a face of mesh `mesh` with `direction` count as no hit?
-#[inline]
-pub fn is_culled(transport: &Transport, hit: Primitive, direction: impl Fn() -> Vec3, time: impl Fn() -> f32) -> bool {
-    hit.mesh != MISS
-        && transport.materials.mesh_material(hit.mesh).single_sided
-        && transport.geometry.normal(transport.scene, hit, time()).dot(direction()) > 0.0
-}
-
-/// Start of the rest of a ray that passes a face at `t`.
-#[inline]
-pub fn beyond(t: f32) -> f32 {
-    (t * BEYOND).max(f32::MIN_POSITIVE)
-}
-
 impl BackFaces {
-    /// Replaces the hits of some rows of `rays` on culled faces by those behind them. A ray that has passed a face has a `tnear`
-    /// above zero.
+    /// Replaces the hits of `rays` on backs: those of rays that pass them (`passes`, by row) by the closest hits on what is no
+    /// back, those of others by the front in the same place, if there is one.
     #[inline(never)]
-    pub fn pass(
+    pub fn resolve(
         &mut self,
         transport: &Transport,
-        rows: impl Iterator<Item = u32>,
-        rays: &mut PathRays,
+        rays: &RayBatch,
+        passes: &dyn Fn(usize) -> bool,
         hits: &mut HitBatch,
     ) {
-        if !transport.culls() {
+        if !transport.materials.has_single_sided {
             return;
         }
-        self.culled.clear();
-        for row in rows.map(|row| row as usize) {
-            let culled = rays.history(row).is_mirror_image()
-                && is_culled(transport, hits.primitive(row), || rays.rays.direction(row), || rays.rays.time(row));
-            if culled {
-                self.culled.push(row as u32);
+        self.clear();
+        for row in 0..rays.len() {
+            let mesh = hits.mesh[row];
+            if hits.back[row] && mesh != MISS && transport.materials.mesh_material(mesh).single_sided {
+                let [near, far] = [rays.tnear[row], rays.tfar[row]];
+                // One that passes begins anew: by rounding, a front in the same place may lie before the back.
+                let interval = match passes(row) {
+                    true => [near, far],
+                    false => same_place(transport, rays, hits, row, [near, far]),
+                };
+                self.push(rays, row, interval);
             }
         }
-        for _ in 0..MAX_FACES {
-            if self.culled.is_empty() {
-                return;
+        self.trace(transport);
+        for (from, row) in self.rows.iter().map(|&row| row as usize).enumerate() {
+            if passes(row) || self.hits.mesh[from] != MISS {
+                hits.replace(row, &self.hits, from);
             }
-            self.trace_again(transport, rays, hits);
         }
     }
 
-    /// Traces the rays in `culled` from behind what they hit; those that hit another culled face remain there.
-    fn trace_again(&mut self, transport: &Transport, rays: &mut PathRays, hits: &mut HitBatch) {
-        self.rays.clear();
-        for row in self.culled.iter().map(|&row| row as usize) {
-            let tnear = beyond(hits.t[row]);
-            rays.rays.tnear[row] = tnear;
-            let (origin, direction) = (rays.rays.origin(row), rays.rays.direction(row));
-            self.rays.push(origin, direction, tnear, rays.rays.tfar[row], rays.rays.key[row]);
-            self.rays.time.extend(rays.rays.time.get(row));
+    /// Tests again the occluded shadow rays that pass backs.
+    #[inline(never)]
+    pub fn reveal(&mut self, transport: &Transport, shadows: &mut ShadowRays) {
+        if shadows.backs.is_empty() {
+            return;
         }
-        transport.rays.closest_hits(&self.rays, RayOrder::Incoherent, &mut self.hits);
-        let (mut again, more) = (0, &self.hits);
-        self.culled.retain(|&row| {
-            let (from, to) = (again, row as usize);
-            again += 1;
-            hits.replace(to, more, from);
-            is_culled(transport, hits.primitive(to), || rays.rays.direction(to), || rays.rays.time(to))
-        });
+        self.clear();
+        for row in (0..shadows.len).filter(|&row| shadows.occluded[row] && shadows.backs[row] != 0) {
+            self.push(&shadows.rays, row, [shadows.rays.tnear[row], shadows.rays.tfar[row]]);
+        }
+        self.trace(transport);
+        for (from, row) in self.rows.iter().enumerate() {
+            shadows.occluded[*row as usize] = self.hits.mesh[from] != MISS;
+        }
     }
+
+    fn clear(&mut self) {
+        self.rows.clear();
+        self.rays.clear();
+    }
+
+    fn push(&mut self, rays: &RayBatch, row: usize, [near, far]: [f32; 2]) {
+        self.rows.push(row as u32);
+        self.rays.push(rays.origin(row), rays.direction(row), near, far, rays.key[row]);
+        self.rays.time.extend(rays.time.get(row));
+    }
+
+    fn trace(&mut self, transport: &Transport) {
+        if !self.rows.is_empty() {
+            transport.rays.closest_front_hits(&self.rays, &mut self.hits);
+        }
+    }
+}
+
+/// The part of a ray's interval in which surfaces are in the same place as its hit: nearer to its plane than the origins of rays
+/// that leave it.
+fn same_place(transport: &Transport, rays: &RayBatch, hits: &HitBatch, row: usize, [near, far]: [f32; 2]) -> [f32; 2] {
+    let point = transport.point(rays, hits, row);
+    let width = point.origin_offset / point.ng.normalize_or_zero().dot(rays.direction(row)).abs();
+    [(hits.t[row] - width).max(near), (hits.t[row] + width).min(far)]
 }

@@ -52,6 +52,8 @@ impl GlassShadows {
             return;
         }
         let is_rough = |row: usize| rays.history[row].is_rough();
+        let culls = transport.culls();
+        let passes_backs = |row: usize| culls && rays.history[row].is_mirror_image();
         self.hits.copy_from(hits);
         self.beta.copy_from(&rays.beta);
         let medium = transport.materials.tracks_media.then(|| &rays.medium[..rays.len]);
@@ -62,7 +64,14 @@ impl GlassShadows {
             if self.walls.is_empty() {
                 break;
             }
-            self.walls.step(transport, &rays.rays, &mut rays.beta, &mut self.hits, &is_rough, |_, _| ());
+            self.walls.step(
+                transport,
+                &rays.rays,
+                &mut rays.beta,
+                &mut self.hits,
+                [&is_rough, &passes_backs],
+                |_, _| (),
+            );
             self.sorted.clear();
             self.before.clear();
             for row in self.walls.passed().map(|row| row as usize) {

@@ -27,15 +27,20 @@ impl Histories {
         }
     }
 
-    /// Fills [`Vertices::after_rough`].
+    /// Fills [`Vertices::after_rough`] and [`Vertices::mirror_image`].
     pub fn mark(&self, transport: &Transport, vertices: &mut Vertices) {
-        vertices.after_rough.clear();
-        if transport.passes_bodies() {
-            let len = vertices.len();
-            let mark = |ray: &u32| if self.by_ray[*ray as usize].is_after_rough() { u32::MAX } else { 0 };
-            vertices.after_rough.extend(vertices.ray[..len].iter().map(mark));
-            grow(&mut vertices.after_rough, len);
-        }
+        let len = vertices.len();
+        let Vertices { ray, after_rough, mirror_image, .. } = vertices;
+        let mark = |column: &mut Vec<u32>, is_read: bool, of: fn(RayHistory) -> bool| {
+            column.clear();
+            if is_read {
+                let mark = |ray: &u32| if of(self.by_ray[*ray as usize]) { u32::MAX } else { 0 };
+                column.extend(ray[..len].iter().map(mark));
+                grow(column, len);
+            }
+        };
+        mark(after_rough, transport.passes_bodies(), RayHistory::is_after_rough);
+        mark(mirror_image, transport.culls(), RayHistory::is_mirror_image);
     }
 }
 

@@ -1,6 +1,5 @@
 //! Surfaces that rays pass on their way.
 
-use super::back_faces::BackFaces;
 use super::history::Histories;
 use super::thin_walls::ThinWalls;
 use crate::integrator::data::context::WaveContext;
@@ -13,22 +12,22 @@ use crate::rays::HitBatch;
 pub struct Passing {
     /// Those of all rays.
     pub histories: Histories,
-    back_faces: BackFaces,
     /// Also of shadow rays.
     pub walls: ThinWalls,
 }
 
 impl Passing {
-    /// Fills the histories of rays, and takes the rays through the back faces that they pass.
+    /// Fills the histories of rays, and replaces the hits of those that meet back faces.
     pub fn pass_back_faces(&mut self, transport: &Transport, rays: &mut PathRays, hits: &mut HitBatch) {
         self.histories.fill(rays);
-        self.back_faces.pass(transport, 0..rays.len as u32, rays, hits);
+        let passes = |row: usize| rays.passes_backs(transport, row);
+        self.walls.back_faces.resolve(transport, &rays.rays, &passes, hits);
     }
 
     /// Takes rays through thin walls, and through the back faces behind them.
     pub fn pass_thin_walls(&mut self, at: &WaveContext, rays: &mut PathRays, hits: &mut HitBatch) {
         if at.transport.materials.has_thin_walls {
-            self.walls.pass(at, rays, hits, &mut self.back_faces);
+            self.walls.pass(at, rays, hits);
         }
     }
 }

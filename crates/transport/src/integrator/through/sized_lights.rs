@@ -103,6 +103,8 @@ impl SizedLightHits {
             } else {
                 radiance = media::attenuated(transport, radiance, medium, F::from(hits.map(|(_, hit)| hit.distance)));
             }
+            let backs = hits.map(|(row, _)| u32::from(rays.passes_backs(transport, row as usize)));
+            shadows.set_backs(&survivors, U::from(backs));
             let ray = (rays.rays.origins(&rows), rays.rays.directions(&rows));
             let (key, ends) = (load_bits(&rays.rays.key, &rows), F::from(hits.map(|(_, hit)| hit.end)));
             let ids = [load_bits(&rays.path, &rows), U::ZERO, U::splat(LightKind::Sized as u32)];

@@ -7,7 +7,7 @@
 
 use glam::Vec3;
 
-use super::back_faces::{BackFaces, beyond};
+use super::back_faces::BackFaces;
 use crate::bsdf::{Bsdf, Lobe, Parameters};
 use crate::integrator::data::boundaries::Line;
 use crate::integrator::data::context::WaveContext;
@@ -19,6 +19,9 @@ use crate::integrator::surface::shading_normal;
 use crate::lanes::{F, LANES, U, V3, V3Column, eight};
 use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
 use crate::sampling::samples;
+
+/// Start of the rest of a ray that passes a surface at `t`, relative to it: a few times the rounding error of `t`.
+const BEYOND: f32 = 1.0 + 1e-6;
 
 /// A wall emits in all directions, hence rays must not pass it always.
 const MAX_EMITTER_PROBABILITY: f32 = 0.5;
@@ -98,6 +101,8 @@ pub struct ThinWalls {
     passed: Vec<u32>,
     /// By row, if media attenuate.
     segments: Vec<Segment>,
+    /// Also those of rays that meet no walls.
+    pub(super) back_faces: BackFaces,
     rays: RayBatch,
     hits: HitBatch,
     shadow_hits: HitBatch,
@@ -106,7 +111,7 @@ pub struct ThinWalls {
 impl ThinWalls {
     /// Takes the rays of paths through the walls that they pass: replaces their hits, and multiplies their throughputs.
     #[inline(never)]
-    pub fn pass(&mut self, at: &WaveContext, rays: &mut PathRays, hits: &mut HitBatch, back_faces: &mut BackFaces) {
+    pub fn pass(&mut self, at: &WaveContext, rays: &mut PathRays, hits: &mut HitBatch) {
         let transport = at.transport;
         if at.depth <= 1 {
             rays.passed_wall.resize(rays.len, false);
@@ -139,8 +144,7 @@ impl ThinWalls {
                 }
             }
             self.walls.truncate(passing);
-            self.trace_behind(transport, &rays.rays, hits);
-            back_faces.pass(transport, self.walls.iter().map(|hit| hit.row), rays, hits);
+            self.trace_behind(transport, &rays.rays, &|row| rays.passes_backs(transport, row), hits);
             self.retain(|row| is_wall(transport, hits.mesh[row]));
         }
         for row in self.walls.iter().map(|hit| hit.row as usize) {
@@ -153,7 +157,10 @@ impl ThinWalls {
     pub fn occlude(&mut self, transport: &Transport, shadows: &mut ShadowRays) {
         match transport.materials.has_thin_walls || transport.passes_bodies() {
             true => self.pass_shadow_rays(transport, shadows),
-            false => transport.rays.occluded(&shadows.rays, RayOrder::Incoherent, &mut shadows.occluded),
+            false => {
+                transport.rays.occluded(&shadows.rays, RayOrder::Incoherent, &mut shadows.occluded);
+                self.back_faces.reveal(transport, shadows);
+            }
         }
     }
 
@@ -162,8 +169,10 @@ impl ThinWalls {
     #[inline(never)]
     fn pass_shadow_rays(&mut self, transport: &Transport, shadows: &mut ShadowRays) {
         let mut hits = std::mem::take(&mut self.shadow_hits);
-        let ShadowRays { rays, radiance, bodies, through, occluded, len, .. } = shadows;
+        let ShadowRays { rays, radiance, bodies, backs, through, occluded, len, .. } = shadows;
+        let passes_backs = |row: usize| backs.get(row).is_some_and(|passes| *passes != 0);
         transport.rays.closest_hits(rays, RayOrder::Incoherent, &mut hits);
+        self.back_faces.resolve(transport, rays, &passes_backs, &mut hits);
         through.resize(*len, 1.0);
         let passes = |row: usize| bodies.as_ref().is_some_and(|bodies| bodies.passes[row] != 0);
         self.begin(transport, *len, &hits, &passes, bodies.as_ref().map(|bodies| &bodies.medium[..*len]));
@@ -171,7 +180,8 @@ impl ThinWalls {
             if self.walls.is_empty() {
                 break;
             }
-            self.step(transport, rays, radiance, &mut hits, &passes, |row, ratio| through[row] *= ratio);
+            let passes = [&passes as _, &passes_backs as _];
+            self.step(transport, rays, radiance, &mut hits, passes, |row, ratio| through[row] *= ratio);
         }
         occluded.clear();
         occluded.extend(hits.mesh[..*len].iter().map(|&mesh| mesh != MISS));
@@ -201,14 +211,15 @@ impl ThinWalls {
     }
 
     /// Takes the rays that have begun through one surface: replaces their hits, and attenuates `light`, of which `attenuated`
-    /// is told the row and the ratio of lengths. Rays that hit what light does not pass end.
+    /// is told the row and the ratio of lengths. Rays that hit what light does not pass end. `passes`: does a ray pass bodies, does
+    /// it pass back faces?
     pub fn step(
         &mut self,
         transport: &Transport,
         rays: &RayBatch,
         light: &mut V3Column,
         hits: &mut HitBatch,
-        passes: &dyn Fn(usize) -> bool,
+        [passes, passes_backs]: [&dyn Fn(usize) -> bool; 2],
         mut attenuated: impl FnMut(usize, f32),
     ) {
         let mut passing = 0;
@@ -249,7 +260,7 @@ impl ThinWalls {
             }
         }
         self.walls.truncate(passing);
-        self.trace_behind(transport, rays, hits);
+        self.trace_behind(transport, rays, passes_backs, hits);
         self.passed.clear();
         self.passed.extend(self.walls.iter().filter(|hit| !hit.again).map(|hit| hit.row));
         self.walls.retain(|hit| is_passable(transport, hits.mesh[hit.row as usize], passes, hit.row as usize));
@@ -286,7 +297,13 @@ impl ThinWalls {
     }
 
     /// Replaces the listed rays' hits by those behind them.
-    fn trace_behind(&mut self, transport: &Transport, rays: &RayBatch, hits: &mut HitBatch) {
+    fn trace_behind(
+        &mut self,
+        transport: &Transport,
+        rays: &RayBatch,
+        passes_backs: &dyn Fn(usize) -> bool,
+        hits: &mut HitBatch,
+    ) {
         self.rays.clear();
         for row in self.walls.iter().map(|hit| hit.row as usize) {
             let (origin, direction) = (rays.origin(row), rays.direction(row));
@@ -294,6 +311,8 @@ impl ThinWalls {
             self.rays.time.extend(rays.time.get(row));
         }
         transport.rays.closest_hits(&self.rays, RayOrder::Incoherent, &mut self.hits);
+        let passes = |at: usize| passes_backs(self.walls[at].row as usize);
+        self.back_faces.resolve(transport, &self.rays, &passes, &mut self.hits);
         let more = &self.hits;
         for (from, wall) in self.walls.iter_mut().enumerate() {
             let to = wall.row as usize;
@@ -303,9 +322,17 @@ impl ThinWalls {
     }
 }
 
-/// Replaces the hits of rays on walls that most paths pass by those behind.
+/// Start of the rest of a ray that passes a surface at `t`.
+#[inline]
+pub fn beyond(t: f32) -> f32 {
+    (t * BEYOND).max(f32::MIN_POSITIVE)
+}
+
+/// Replaces the hits of camera rays by those of most paths, behind back faces and walls.
 pub fn pass_most(transport: &Transport, rays: &RayBatch, hits: &mut HitBatch) {
     let mut walls = ThinWalls::default();
+    let passes_backs = |_| transport.culls();
+    walls.back_faces.resolve(transport, rays, &passes_backs, hits);
     walls.begin(transport, rays.len(), hits, &|_| false, None);
     for _ in 0..MAX_WALLS {
         walls.walls.retain(|hit| {
@@ -317,7 +344,7 @@ pub fn pass_most(transport: &Transport, rays: &RayBatch, hits: &mut HitBatch) {
         if walls.walls.is_empty() {
             return;
         }
-        walls.trace_behind(transport, rays, hits);
+        walls.trace_behind(transport, rays, &passes_backs, hits);
         walls.retain(|row| is_wall(transport, hits.mesh[row]));
     }
 }

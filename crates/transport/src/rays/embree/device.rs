@@ -169,6 +169,7 @@ impl DeviceHandle {
         )))
     }
 
+    /// A scene; `filters` allows queries to bring a filter function.
     pub(super) fn new_scene(&self, filters: bool, options: &EmbreeOptions) -> SceneHandle {
         let flags = [
             (filters, sys::RTC_SCENE_FLAG_FILTER_FUNCTION_IN_ARGUMENTS),

@@ -30,26 +30,38 @@ impl Coherence {
     }
 }
 
-/// Embree's query context, extended by the data of the alpha filter.
+/// Which sides of single-sided surfaces rays hit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Sides {
+    Both,
+    Fronts,
+}
+
+/// Embree's query context, extended by the data of the filter.
 #[repr(C)]
 struct QueryContext<'a> {
     embree: sys::RTCRayQueryContext,
     committed: &'a CommittedScene,
-    /// [`RayBatch::key`], by ray id.
-    keys: &'a [u32],
+    /// By ray id.
+    rays: &'a RayBatch,
+    sides: Sides,
 }
 
 impl<'a> QueryContext<'a> {
-    fn new(committed: &'a CommittedScene, rays: &'a RayBatch) -> Self {
-        Self { embree: sys::init_ray_query_context(), committed, keys: &rays.key }
+    fn new(committed: &'a CommittedScene, rays: &'a RayBatch, sides: Sides) -> Self {
+        Self { embree: sys::init_ray_query_context(), committed, rays, sides }
     }
 
     fn filter(&self) -> sys::RTCFilterFunctionN {
-        if self.committed.has_alpha { Some(filter_alpha) } else { None }
+        if self.committed.has_alpha || self.sides == Sides::Fronts { Some(filter) } else { None }
     }
 
     /// Arguments of queries for closest hits, which the context must outlive.
-    fn intersect(&mut self, flags: sys::RTCRayQueryFlags) -> sys::RTCIntersectArguments {
+    fn intersect(&mut self, mut flags: sys::RTCRayQueryFlags) -> sys::RTCIntersectArguments {
+        if self.sides == Sides::Fronts {
+            // Else it is called for meshes with alpha only.
+            flags |= sys::RTC_RAY_QUERY_FLAG_INVOKE_ARGUMENT_FILTER;
+        }
         sys::RTCIntersectArguments {
             flags,
             feature_mask: sys::RTC_FEATURE_FLAG_ALL,
@@ -71,8 +83,8 @@ impl<'a> QueryContext<'a> {
     }
 }
 
-/// Intersection filter: rejects the hits of a packet that fail the alpha test.
-unsafe extern "C" fn filter_alpha(args: *const sys::RTCFilterFunctionNArguments) {
+/// Intersection filter: rejects the hits of a packet that fail the alpha test, and those on backs if only fronts count.
+unsafe extern "C" fn filter(args: *const sys::RTCFilterFunctionNArguments) {
     // A packet of N has a column of N values for each field of the single-ray struct.
     const ID: usize = offset_of!(sys::RTCRay, id) / 4;
     const U: usize = offset_of!(sys::RTCHit, u) / 4;
@@ -94,8 +106,13 @@ unsafe extern "C" fn filter_alpha(args: *const sys::RTCFilterFunctionNArguments)
             let hit = |column: usize| *args.hit.cast::<u32>().add(column * n + lane);
             let placement = context.committed.placement_of(hit(GEOMETRY), hit(INSTANCE));
             let [u, v] = [hit(U), hit(V)].map(f32::from_bits);
-            let key = context.keys[ray(ID) as usize];
-            if !context.committed.scene.is_present(key, placement.instance, placement.mesh, hit(PRIM), u, v) {
+            let (rays, id) = (context.rays, ray(ID) as usize);
+            let hit = Primitive { instance: placement.instance, mesh: placement.mesh, prim: hit(PRIM) };
+            let scene = &context.committed.scene;
+            let is_culled = context.sides == Sides::Fronts
+                && scene.is_single_sided(hit.mesh)
+                && scene.is_back(hit, rays.direction(id), rays.time(id));
+            if is_culled || !scene.is_present(rays.key[id], hit.instance, hit.mesh, hit.prim, u, v) {
                 *valid = 0;
             }
         }
@@ -240,8 +257,13 @@ macro_rules! packet_queries {
                 }
             }
 
-            pub fn closest_hits(scene: &CommittedScene, rays: &RayBatch, coherence: Coherence, hits: &mut HitBatch) {
-                let mut context = QueryContext::new(scene, rays);
+            pub fn closest_hits(
+                scene: &CommittedScene,
+                rays: &RayBatch,
+                (coherence, sides): (Coherence, Sides),
+                hits: &mut HitBatch,
+            ) {
+                let mut context = QueryContext::new(scene, rays, sides);
                 let mut args = context.intersect(coherence.flags());
                 let mut packet = sys::$ray_hit::default();
                 packet.ray.mask = [u32::MAX; $n];
@@ -252,7 +274,12 @@ macro_rules! packet_queries {
                     let valid = LaneMask::<$n>::first(len);
                     // SAFETY: the scene is committed, `context` lives, mask and packet are aligned by their types.
                     unsafe { sys::$intersect(valid.0.as_ptr(), scene.top.0, &mut packet, &mut args) };
-                    let hit = &packet.hit;
+                    let (hit, ray) = (&packet.hit, &packet.ray);
+                    // Embree's normals are those of the winding, in the space of the object.
+                    let mut back: [bool; $n] = std::array::from_fn(|lane| {
+                        let along = hit.Ng_x[lane] * ray.dir_x[lane] + hit.Ng_y[lane] * ray.dir_y[lane];
+                        along + hit.Ng_z[lane] * ray.dir_z[lane] > 0.0
+                    });
                     let (mut t, mut prim) = (packet.ray.tfar, hit.primID);
                     let (mut instance, mut mesh) = ([MISS; $n], [MISS; $n]);
                     for lane in 0..$n {
@@ -261,6 +288,12 @@ macro_rules! packet_queries {
                         } else {
                             let placement = scene.placement_of(hit.geomID[lane], hit.instID[0][lane]);
                             (instance[lane], mesh[lane]) = (placement.instance, placement.mesh);
+                            if hit.instID[0][lane] != sys::RTC_INVALID_GEOMETRY_ID {
+                                let primitive =
+                                    Primitive { instance: instance[lane], mesh: mesh[lane], prim: prim[lane] };
+                                let id = ray.id[lane] as usize;
+                                back[lane] = scene.scene.is_back(primitive, rays.direction(id), rays.time(id));
+                            }
                         }
                     }
                     store(&mut hits.t, rows, &t);
@@ -269,11 +302,12 @@ macro_rules! packet_queries {
                     store(&mut hits.instance, rows, &instance);
                     store(&mut hits.mesh, rows, &mesh);
                     store(&mut hits.prim, rows, &prim);
+                    store(&mut hits.back, rows, &back);
                 });
             }
 
             pub fn occluded(scene: &CommittedScene, rays: &RayBatch, coherence: Coherence, occluded: &mut [bool]) {
-                let mut context = QueryContext::new(scene, rays);
+                let mut context = QueryContext::new(scene, rays, Sides::Both);
                 let mut args = context.occluded(coherence.flags());
                 let mut packet = sys::$ray { mask: [u32::MAX; $n], ..Default::default() };
                 for_each_packet(rays, $n, coherence == Coherence::Sorted, |rows, len| {
@@ -313,8 +347,8 @@ pub(super) mod single {
         }
     }
 
-    pub fn closest_hits(scene: &CommittedScene, rays: &RayBatch, hits: &mut HitBatch) {
-        let mut context = QueryContext::new(scene, rays);
+    pub fn closest_hits(scene: &CommittedScene, rays: &RayBatch, (_, sides): (Coherence, Sides), hits: &mut HitBatch) {
+        let mut context = QueryContext::new(scene, rays, sides);
         let mut args = context.intersect(sys::RTC_RAY_QUERY_FLAG_INCOHERENT);
         for i in 0..rays.len() {
             let mut one = sys::RTCRayHit { ray: ray(rays, i), ..Default::default() };
@@ -323,12 +357,13 @@ pub(super) mod single {
             // SAFETY: the scene is committed, `context` lives, the ray is aligned by its type.
             unsafe { sys::rtcIntersect1(scene.top.0, &raw mut one, &raw mut args) };
             let hit = one.hit;
-            let (mut t, mut primitive) = (f32::INFINITY, NO_PRIMITIVE);
+            let (mut t, mut primitive, mut back) = (f32::INFINITY, NO_PRIMITIVE, false);
             if hit.geomID != sys::RTC_INVALID_GEOMETRY_ID {
                 let Placement { instance, mesh } = scene.placement_of(hit.geomID, hit.instID[0]);
                 (t, primitive) = (one.ray.tfar, Primitive { instance, mesh, prim: hit.primID });
+                back = scene.scene.is_back(primitive, rays.direction(i), rays.time(i));
             }
-            hits.set(i, (t, hit.u, hit.v), primitive);
+            hits.set(i, (t, hit.u, hit.v), primitive, back);
         }
     }
 
@@ -352,7 +387,7 @@ pub(super) mod single {
     }
 
     pub fn occluded(scene: &CommittedScene, rays: &RayBatch, occluded: &mut [bool]) {
-        let mut context = QueryContext::new(scene, rays);
+        let mut context = QueryContext::new(scene, rays, Sides::Both);
         let mut args = context.occluded(sys::RTC_RAY_QUERY_FLAG_INCOHERENT);
         for (i, occluded) in occluded.iter_mut().enumerate() {
             let mut one = ray(rays, i);
