@@ -289,7 +289,8 @@ impl Scene {
     /// mesh.
     pub fn boxes(&self, take: impl Fn(&Mesh) -> bool) -> impl Iterator<Item = ([u32; 2], [Vec3; 2])> {
         let mesh_box = |mesh: &Arc<Mesh>| {
-            let points = mesh.positions.iter().filter(|_| take(mesh)).map(|&p| Vec3::from_array(p));
+            let positions = if take(mesh) { &mesh.positions[..] } else { &[] };
+            let points = positions.iter().map(|&p| Vec3::from_array(p));
             points.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)))
         };
         let mesh_boxes: Vec<_> = self.meshes.iter().map(mesh_box).collect();

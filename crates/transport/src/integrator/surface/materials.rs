@@ -158,8 +158,9 @@ fn boxes_of_bodies(scene: &Scene) -> (Vec<[Vec3; 2]>, bool, HashMap<[u32; 2], f3
         return Default::default();
     }
     let is_body = |mesh: &Mesh| scene.materials[mesh.material as usize].bounds_body();
-    let sizes = scene.boxes(is_body).map(|(body, [low, high])| (body, (high - low).element_sum())).collect();
-    let mut boxes: Vec<_> = scene.boxes(is_body).map(|(_, corners)| corners).collect();
+    let (bodies, mut boxes): (Vec<_>, Vec<_>) = scene.boxes(is_body).unzip();
+    let size = |[low, high]: &[Vec3; 2]| (*high - *low).element_sum();
+    let sizes = bodies.into_iter().zip(boxes.iter().map(size)).collect();
     if scene.meshes.iter().zip(scene.moving_meshes()).any(|(mesh, moves)| moves && is_body(mesh)) {
         boxes.fill([Vec3::NEG_INFINITY, Vec3::INFINITY]);
     }
