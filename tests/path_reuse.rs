@@ -292,8 +292,14 @@ fn the_variance_of_a_picture_s_mean_counts_stratified_and_shared_paths() {
         }
         let squares = found.iter().map(|(own, variance)| (own - mean.mean).powi(2) / variance).sum::<f64>();
         let squares = squares / f64::from(REPLICAS - 1);
-        assert!(squares < most && squares > 1.0 / most, "{name} {sizes:?}: mean square of z {squares}");
-        println!("{name} {sizes:?}: {squares:.2}, stated {:.2} of independent", stated / independent);
+        let over = mean.standard_error().powi(2) * f64::from(REPLICAS).powi(2) / stated;
+        println!("{name} {sizes:?}: {squares:.2} {over:.2}, stated {:.2} of independent", stated / independent);
+        assert!(
+            over < most && over > 1.0 / most,
+            "{name} {sizes:?}: the true variance over that which is stated is {over}"
+        );
+        // Where a picture's own variance follows from a few bright paths, its z has longer tails.
+        assert!(name == "indirect" || squares < most, "{name} {sizes:?}: mean square of z {squares}");
     }
 }
 
