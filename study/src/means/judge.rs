@@ -1,13 +1,15 @@
 //! The test of two means whose light may be rare.
 //!
-//! No test of means is safe without a bound of the tails, and scatter alone is none: light that a way finds once in a million
-//! paths is in neither its mean nor its scatter. Both are bounded here by what `half`, whose paths carry no more than the
-//! brightest light has, may do:
+//! No test of means is safe without a bound of the tails, and scatter alone is none: light that is met once in a million paths may
+//! be in neither a mean nor its scatter. So a difference counts only beyond what either side may have missed, by the level p of the
+//! test ([`Test::allowed`]):
 //!
-//! - A way is not given credit for less scatter than `half` has with as many paths ([`Test::t`]). Rare light that `half` has met
-//!   may be missing in a way of fewer paths.
-//! - A way that is brighter is given credit for the light that `half` may have missed: a path that is as bright as any and so rare
-//!   that `half` met none, with a probability of the level ([`Test::allowed`]). A way that is darker is not.
+//! - Where a way is darker: light that `half` has met in so few paths that a way of fewer paths meets none, with a probability of
+//!   p. That is the light of the r ln(1/p) brightest paths of `half`, where r is how many times as many paths it has.
+//! - Where a way is brighter: light that `half` has not met at all with a probability of p. Its paths carry at most the brightest
+//!   radiance of the scene's lights: ln(1/p) times that, over its paths.
+//!
+//! Light that a way itself makes rare is no excuse: where its picture is dark but for a few fireflies, it is found.
 
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
@@ -30,10 +32,10 @@ pub struct Test {
     /// Mean of the way less that of the reference, and the latter.
     pub difference: f64,
     pub reference: f64,
-    /// Standard error of the difference if neither scatters less than the other with as many paths.
+    /// Standard error of the difference.
     pub error: f64,
-    /// Of the difference, light that the reference may have missed.
-    pub allowed: f64,
+    /// Light that the way may have missed, and light that the reference may have missed.
+    pub allowed: [f64; 2],
     freedom: f64,
 }
 
@@ -64,22 +66,29 @@ impl Test {
         (brightest, pixels, level): (f64, f64, f64),
     ) -> Self {
         let (own, base) = (Sample::new(own, of), Sample::new(reference, &|picture| picture.regions[region]));
-        let per_path = (own.variance * own.paths).max(base.variance * base.paths);
-        let error = (per_path / (own.n * own.paths) + per_path / (base.n * base.paths)).sqrt();
+        let [a, b] = [&own, &base].map(|sample| sample.variance / sample.n);
+        let (rare, paths) = (-level.ln(), base.n * base.paths * pixels);
+        let mut peaks: Vec<f32> = reference.iter().flat_map(|picture| picture.peaks_of(region)).copied().collect();
+        peaks.sort_unstable_by(|a, b| b.total_cmp(a));
+        let met = (rare * base.n * base.paths / (own.n * own.paths)).ceil() as usize;
+        let most = peaks.iter().take(met).map(|peak| f64::from(*peak)).sum::<f64>();
+        // Welch and Satterthwaite.
+        let freedom = (a + b).powi(2) / (a * a / (own.n - 1.0) + b * b / (base.n - 1.0));
         Self {
             region,
             difference: own.mean - base.mean,
             reference: base.mean,
-            error: error.hypot(ROUNDING * base.mean),
-            allowed: -level.ln() * brightest / (base.n * base.paths * pixels),
-            freedom: own.n.min(base.n) - 1.0,
+            error: (a + b).sqrt().hypot(ROUNDING * base.mean),
+            allowed: [most / paths, rare * brightest / paths],
+            freedom: if freedom.is_finite() { freedom } else { own.n + base.n - 2.0 },
         }
     }
 
     /// The difference beyond what is allowed, in standard errors.
     pub fn t(&self) -> f64 {
-        let beyond = if self.difference > 0.0 { (self.difference - self.allowed).max(0.0) } else { self.difference };
-        if beyond == 0.0 { 0.0 } else { beyond / self.error }
+        let allowed = self.allowed[usize::from(self.difference > 0.0)];
+        let beyond = (self.difference.abs() - allowed).max(0.0);
+        if beyond == 0.0 { 0.0 } else { beyond.copysign(self.difference) / self.error }
     }
 
     /// A value over the reference's mean; 0 where that is black.
@@ -145,8 +154,7 @@ mod tests {
     const PATHS: f64 = 64.0;
     const LEVEL: f64 = 1e-3;
 
-    /// Pictures whose light is smooth but for a part that arrives in rare paths of one brightness, so many per picture; `seen` of
-    /// that part arrives in every picture instead.
+    /// Pictures whose light is smooth but for a part that arrives in rare paths of one brightness, so many per picture, or evenly.
     struct Light {
         smooth: f64,
         rare: f64,
@@ -164,8 +172,10 @@ mod tests {
                     product *= random.f64();
                     met += 1.0;
                 }
-                let met = if self.evenly { 1.0 } else { met / (self.per_picture * times) };
                 let mut picture = Picture::new(0);
+                let events = if self.evenly { 0 } else { met as usize };
+                picture.peaks[0] = vec![self.brightest() as f32; events];
+                let met = if self.evenly { 1.0 } else { met / (self.per_picture * times) };
                 picture.regions[0] = self.smooth + noise + self.rare * met;
                 picture.paths = PATHS * times;
                 picture

@@ -168,7 +168,7 @@ pub fn measure(design: &Design, stop: &AtomicBool, done: &mut dyn FnMut(&[Row]) 
     for subject in &design.subjects {
         let stage = subject.stage(&subject.features, design.spp)?;
         let reference = stage.pictures(&Way::reference(&stage.settings), subject.seeds(0, design.replicas), stop)?;
-        let ways = Way::all(&stage.settings, &stage.scene.scene, subject.seed);
+        let ways = Way::all(&stage, subject.seed);
         let level = FIRST / (ways.len() * REGIONS) as f64;
         let mut tested = Vec::new();
         for way in &ways {
@@ -256,9 +256,7 @@ fn smallest(subject: &Subject, design: &Design, row: &Row, stop: &AtomicBool) ->
         stopped(stop)?;
         usage += 2;
         let stage = subject.stage(features, design.spp)?;
-        let Some(way) =
-            Way::all(&stage.settings, &stage.scene.scene, subject.seed).into_iter().find(|way| way.name == row.way)
-        else {
+        let Some(way) = Way::all(&stage, subject.seed).into_iter().find(|way| way.name == row.way) else {
             return Ok(false);
         };
         let own = stage.pictures(&way, subject.seeds(usage, design.replicas), stop)?;

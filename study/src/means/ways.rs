@@ -7,19 +7,18 @@ use bismar::Result;
 use bismar::balance::Balance;
 use bismar::color::luminance;
 use bismar::film::PixelStats;
-use bismar::integrator::{PixelTask, PreparedScene, scalar};
+use bismar::integrator::{PixelTask, PreparedScene, reuse, scalar};
 use bismar::rays::Backend;
 use bismar::render::{
     Choice, Choices, LightGroups, Part, RenderSettings, Rendered, Technique, render, tile_positions, transport,
 };
 use bismar::sampling::random::mix;
-use bismar::scene::Scene;
 use rayon::prelude::*;
 
 use super::features::{Canvas, stream};
 
 /// Pixels of a picture, and along a side of a block of pixels that is tested.
-pub const SIZE: [u32; 2] = [32, 24];
+pub const SIZE: [u32; 2] = [24, 16];
 const BLOCK: u32 = 8;
 /// Number of tested values of a picture: its mean, and those of its blocks.
 pub const REGIONS: usize = 1 + (SIZE[0] / BLOCK * (SIZE[1] / BLOCK)) as usize;
@@ -61,20 +60,24 @@ impl Way {
     }
 
     /// The plain command, its balance alone, each technique alone, all of them, and one more that chance chooses.
-    pub fn all(settings: &RenderSettings, scene: &Scene, seed: u32) -> Vec<Self> {
+    pub fn all(stage: &Stage, seed: u32) -> Vec<Self> {
+        let Stage { scene, settings, .. } = stage;
         let of = |name: &str, balance, techniques: Choices| {
             let settings = RenderSettings { balance, techniques, ..settings.clone() };
             Self { name: name.into(), settings, means: Means::Whole }
         };
         let plain = RenderSettings::default();
         let only = |one: Option<Technique>| Choices::new(|own| Choice::from(one == Some(own)));
+        // Elsewhere it warns.
+        let shares = reuse::is_possible(&transport(scene, settings));
+        let possible = |one: Technique| one != Technique::PathReuse || shares;
         let mut ways = vec![
             of("plain", plain.balance, plain.techniques),
             of(plain.balance.name(), plain.balance, only(None)),
-            of("all", plain.balance, Choices::new(|_| Choice::On)),
+            of("all", plain.balance, Choices::new(|one| Choice::from(possible(one)))),
         ];
         let alone = |one: &Technique| of(&format!("half+{}", one.row().flag), Balance::Half, only(Some(*one)));
-        ways.extend(Technique::ALL.iter().map(alone));
+        ways.extend(Technique::ALL.iter().filter(|one| possible(**one)).map(alone));
         let mut random = stream(seed, "way");
         let mut draw = |n: usize| (random.f32() * n as f32) as usize;
         let base = [0, 2][draw(2)];
@@ -109,7 +112,7 @@ impl Way {
         };
         ways.push(more);
         // Without motion, which obvhs does not know.
-        ways.retain(|way| way.means != Means::Reversed || !scene.moves());
+        ways.retain(|way| way.means != Means::Reversed || stage.reversed.is_some());
         ways
     }
 }
@@ -192,6 +195,8 @@ pub struct Picture {
     pub regions: [f64; REGIONS],
     /// The same without the light of the control.
     pub robbed: [f64; REGIONS],
+    /// Luminance of the brightest path of each pixel, by block.
+    pub peaks: Vec<Vec<f32>>,
     /// Paths per pixel.
     pub paths: f64,
 }
@@ -199,7 +204,13 @@ pub struct Picture {
 impl Picture {
     /// One without pixels.
     pub fn new(seed: u32) -> Self {
-        Self { seed, regions: [0.0; REGIONS], robbed: [0.0; REGIONS], paths: 0.0 }
+        Self { seed, regions: [0.0; REGIONS], robbed: [0.0; REGIONS], peaks: vec![Vec::new(); REGIONS - 1], paths: 0.0 }
+    }
+
+    /// The brightest paths of a region's pixels.
+    pub fn peaks_of(&self, region: usize) -> impl Iterator<Item = &f32> {
+        let blocks = if region == 0 { &self.peaks[..] } else { &self.peaks[region - 1..region] };
+        blocks.iter().flatten()
     }
 
     fn add(&mut self, rendered: &Rendered, by_groups: bool) {
@@ -231,6 +242,7 @@ impl Picture {
             regions[0] += value / pixels;
             regions[1 + block as usize] += value / f64::from(BLOCK * BLOCK);
         }
+        self.peaks[block as usize].push(peak);
         self.paths += n / pixels;
     }
 }
