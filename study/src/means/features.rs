@@ -495,8 +495,8 @@ mod tests {
             scene.meshes.iter().find(|mesh| mesh.positions.len() > 100).unwrap().positions.to_vec()
         };
         assert_eq!(position(&all), position(&all[2..3]));
-        // Of a thousand scenes, each kind of light and of surface is in many.
-        let drawn: Vec<_> = (0..1000).flat_map(|seed| draw(seed, false)).map(|feature| feature.to_string()).collect();
+        // Each of them is in some of four thousand scenes.
+        let drawn: Vec<_> = (0..4000).flat_map(|seed| draw(seed, false)).map(|feature| feature.to_string()).collect();
         for kind in &KINDS {
             for value in kind.values.all() {
                 let text = format!("{}:{value}", kind.name);

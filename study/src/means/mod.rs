@@ -26,6 +26,8 @@ use ways::{LOST_OF, Picture, REGIONS, SIZE, Stage, Way};
 
 /// Light that the first control takes from all pixels, as a fraction.
 pub const REMOVED: f64 = 0.01;
+/// The least part of the ways in which each control must be caught.
+pub const LEAST_CAUGHT: f64 = 0.75;
 /// What is tested over all scenes: the pictures, and those of the controls.
 const TESTED: [fn(&Picture, usize) -> f64; 3] = [
     |picture, region| picture.regions[region],
@@ -314,7 +316,12 @@ fn results(design: &Design, rows: Vec<Row>, together: &BTreeMap<String, AllScene
     let often: Vec<_> = often.filter_map(|way| together.get(&way.way)).collect();
     let control = |i: usize, name: String| {
         let caught = often.iter().filter(|all| is_wrong(&all[i])).count();
-        Control { name, caught, of: often.len(), least: (scenes >= CONTROLLED).then_some(often.len()) }
+        Control {
+            name,
+            caught,
+            of: often.len(),
+            least: (scenes >= CONTROLLED).then_some((LEAST_CAUGHT * often.len() as f64).ceil() as usize),
+        }
     };
     let controls = vec![
         control(1, "1 % of the light is removed from all pictures".into()),

@@ -92,7 +92,7 @@ impl Way {
             Balance::all().iter().filter(|own| ![Balance::Half, plain.balance].contains(own)).collect();
         let more = match draw(8) {
             0..=2 => with(
-                &format!("--noise {goal}"),
+                "--noise",
                 &|settings| (settings.noise, settings.spp) = (Some(goal), settings.spp.map(|spp| 8 * spp)),
                 Means::Whole,
             ),
