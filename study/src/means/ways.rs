@@ -88,9 +88,7 @@ impl Way {
             Self { name: format!("{name}, {more}"), settings, means }
         };
         let goal = [0.05, 0.1, 0.2, 0.4][draw(4)];
-        let others: Vec<_> =
-            Balance::all().iter().filter(|own| ![Balance::Half, plain.balance].contains(own)).collect();
-        let more = match draw(8) {
+        let more = match draw(7) {
             0..=2 => with(
                 "--noise",
                 &|settings| (settings.noise, settings.spp) = (Some(goal), settings.spp.map(|spp| 8 * spp)),
@@ -104,13 +102,12 @@ impl Way {
                 let settings = RenderSettings { spp: fewer(&scalar.settings), ..scalar.settings };
                 Self { name: "scalar integrator".into(), settings, means: Means::Scalar }
             }
-            6 => {
-                let other = **others.get(draw(others.len())).unwrap_or(&&plain.balance);
-                of(other.name(), other, only(None))
-            }
             _ => Self { means: Means::Reversed, name: "half, reversed".into(), ..of("", Balance::Half, only(None)) },
         };
         ways.push(more);
+        let others = Balance::all().iter().filter(|own| ![Balance::Half, plain.balance].contains(own));
+        let others: Vec<_> = others.map(|own| of(own.name(), *own, only(None))).collect();
+        ways.extend(others.get(draw(others.len())).cloned());
         // Without motion, which obvhs does not know.
         ways.retain(|way| way.means != Means::Reversed || stage.reversed.is_some());
         ways
