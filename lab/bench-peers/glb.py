@@ -1,4 +1,4 @@
-"""Binary glTF, part by part: for the scenes of this folder and of lab/commands.py."""
+"""Binary glTF, part by part: for the scenes of this folder."""
 
 import json
 import struct

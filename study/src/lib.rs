@@ -8,6 +8,7 @@ pub mod balance;
 pub mod cli;
 pub mod clock;
 pub mod files;
+pub mod means;
 pub mod provenance;
 pub mod rays;
 pub mod report;

@@ -1,6 +1,7 @@
 //! The studies from end to end, and their judges.
 
 mod balance;
+mod means;
 mod rays;
 mod stability;
 

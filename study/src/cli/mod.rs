@@ -2,6 +2,7 @@
 
 mod balance;
 mod common;
+mod means;
 mod rays;
 mod stability;
 
@@ -28,6 +29,7 @@ struct Cli {
 enum Study {
     Balance(balance::BalanceArgs),
     Stability(stability::StabilityArgs),
+    Means(means::MeansArgs),
     Rays(rays::RaysArgs),
     Completions(CompletionsArgs),
     Man(ManArgs),
@@ -40,6 +42,7 @@ pub fn run() -> ExitCode {
         |cli| match &cli.study {
             Study::Balance(args) => on_threads(args.run.threads, || balance::run(args, cli.verbosity)),
             Study::Stability(args) => on_threads(args.run.threads, || stability::run(args, cli.verbosity)),
+            Study::Means(args) => on_threads(args.run.threads, || means::run(args, cli.verbosity)),
             Study::Rays(args) => rays::run(args, cli.verbosity),
             Study::Completions(args) => args.run(Cli::command()),
             Study::Man(args) => args.run(Cli::command()),
