@@ -172,9 +172,7 @@ impl Scene {
         match self.instances[instance as usize].at(time) {
             None => e.cross(f).dot(direction) > 0.0,
             // Me × Mf = det(M) M⁻ᵀ(e × f)
-            Some(Affine3A { matrix3: m, .. }) => {
-                Vec3::from((m * e).cross(m * f)).dot(direction) * m.determinant().signum() > 0.0
-            }
+            Some(Affine3A { matrix3: m, .. }) => (m * e).cross(m * f).dot(direction) * m.determinant().signum() > 0.0,
         }
     }
 
@@ -333,6 +331,16 @@ mod tests {
         assert_eq!(scene.camera(0, 40, 10).to_world, pushed.to_world);
         scene.frame();
         assert_eq!(scene.cameras.len(), 2);
+    }
+
+    #[test]
+    fn scenes_share_rays_only_if_their_surfaces_have_the_same_sides() {
+        let mut scene = Scene::default();
+        scene.add(Mesh::new(vec![[0.0; 3], [2.0, 0.0, 0.0], [0.0, 1.0, 0.0]], vec![[0, 1, 2]]), Material::default());
+        let mut other = scene.clone();
+        assert!(scene.has_surfaces_of(&other));
+        other.materials[0].double_sided = true;
+        assert!(!scene.has_surfaces_of(&other));
     }
 
     #[test]
