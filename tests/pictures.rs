@@ -371,3 +371,30 @@ fn noise_is_taken_out_into_a_layer_of_its_own_or_it_is_said_how_to_get_the_libra
     let (noisy, clean) = (error(open("a.exr", None)), error(open("a.exr", Some("denoised"))));
     assert!(clean < 0.3 * noisy, "{clean} {noisy}");
 }
+
+#[test]
+fn transparent_pictures_are_cut_out_in_every_file_whatever_lights_them() {
+    let path = &Folder::new();
+    let emissive = || Parts::of_materials(r#"{"emissiveFactor":[1,1,1]}"#);
+    for (name, parts, flags) in [
+        ("sun", Parts::of_light(r#"{"type":"directional"}"#), "--transparent"),
+        ("point", Parts::of_light(r#"{"type":"point"}"#), "--transparent --no-env --camera framed"),
+        ("spot", Parts::of_light(r#"{"type":"spot","spot":{}}"#), "--transparent --sky"),
+        ("emissive", emissive(), "--transparent --crop 0,0,20,18"),
+        ("ground", emissive(), "--ground shadow --orbit 20,30"),
+        ("dark", Parts::default(), "--transparent --no-env"),
+        ("studio", Parts::default(), "--transparent"),
+    ] {
+        fs::write(path.join("a.gltf"), parts.json()).unwrap();
+        expect(path, &format!("render a.gltf --size 24x18 --spp 4 -q {flags} -o a.exr --preview a.png"), 0);
+        expect(path, "develop a.exr -o b.webp -q", 0);
+        let alpha = channel(&path.join("a.exr"), "A");
+        assert!(alpha.contains(&0.0) && alpha.iter().any(|a| *a > 0.0), "{name}");
+        for file in ["a.png", "b.webp"] {
+            let picture = image::open(path.join(file)).unwrap();
+            assert_eq!(picture.color(), image::ColorType::Rgba8, "{name} {file}");
+            let near = |(pixel, a): (&image::Rgba<u8>, &f32)| (f32::from(pixel.0[3]) - 255.0 * a).abs() < 0.51;
+            assert!(picture.into_rgba8().pixels().zip(&alpha).all(near), "{name} {file}");
+        }
+    }
+}

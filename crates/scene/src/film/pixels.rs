@@ -13,8 +13,8 @@ pub enum Background {
     Black,
     /// The environment: A is 1.
     Environment,
-    /// The environment illuminates the scene but is not shown. A is the fraction of paths that hit a surface, and PNGs have an
-    /// alpha channel too.
+    /// Nothing, with or without an environment that illuminates the scene. A is the fraction of paths that hit a surface, and PNGs
+    /// have an alpha channel too.
     Transparent,
 }
 
