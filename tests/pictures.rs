@@ -437,14 +437,14 @@ fn denoised_colours_end_where_alpha_does() {
         if library == blur {
             continue;
         }
-        // Rims are as near to the converged picture as those of the noisy one.
+        // Rims are nearer to the converged picture than with colours that are blurred against black (0.41).
         let (alpha, noisy, denoised, _) = render(&format!("{box_of} --transparent --spp 16"));
         let truth = channel(&path.join("true.exr"), "R");
         let error = |of: &[f32]| -> f32 {
             let rims = alpha.iter().zip(of.iter().zip(&truth)).filter(|(a, _)| **a > 0.0 && **a < 1.0);
             rims.map(|(_, (own, right))| (own - right).powi(2)).sum()
         };
-        assert!(error(&denoised) < 1.1 * error(&noisy), "{} {}", error(&denoised), error(&noisy));
+        assert!(error(&denoised) < 0.35 * error(&noisy), "{} {}", error(&denoised), error(&noisy));
     }
 }
 
