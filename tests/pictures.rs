@@ -3,6 +3,8 @@
 use std::fs;
 use std::path::Path;
 
+use bismar::film::exr_file::write_rgb;
+
 use crate::helpers::gltf_parts::Parts;
 use crate::helpers::pictures::{python, run};
 use crate::helpers::program::{self, Folder, Running, bismar, bits, channel, expect, says, stdout};
@@ -370,4 +372,96 @@ fn noise_is_taken_out_into_a_layer_of_its_own_or_it_is_said_how_to_get_the_libra
     let error = |picture| bismar::film::compare::compare(&picture, &truth).unwrap().rel_mse;
     let (noisy, clean) = (error(open("a.exr", None)), error(open("a.exr", Some("denoised"))));
     assert!(clean < 0.3 * noisy, "{clean} {noisy}");
+}
+
+#[test]
+fn transparent_pictures_are_cut_out_in_every_file_whatever_lights_them() {
+    let path = &Folder::new();
+    let emissive = || Parts::of_materials(r#"{"emissiveFactor":[1,1,1]}"#);
+    for (name, parts, flags) in [
+        ("sun", Parts::of_light(r#"{"type":"directional"}"#), "--transparent"),
+        ("point", Parts::of_light(r#"{"type":"point"}"#), "--transparent --no-env --camera framed"),
+        ("spot", Parts::of_light(r#"{"type":"spot","spot":{}}"#), "--transparent --sky"),
+        ("emissive", emissive(), "--transparent --crop 0,0,20,18"),
+        ("ground", emissive(), "--ground shadow --orbit 20,30"),
+        ("dark", Parts::default(), "--transparent --no-env"),
+        ("studio", Parts::default(), "--transparent"),
+    ] {
+        fs::write(path.join("a.gltf"), parts.json()).unwrap();
+        expect(path, &format!("render a.gltf --size 24x18 --spp 4 -q {flags} -o a.exr --preview a.png"), 0);
+        expect(path, "develop a.exr -o b.webp -q", 0);
+        let alpha = channel(&path.join("a.exr"), "A");
+        assert!(alpha.contains(&0.0) && alpha.iter().any(|a| *a > 0.0), "{name}");
+        for file in ["a.png", "b.webp"] {
+            let picture = image::open(path.join(file)).unwrap();
+            assert_eq!(picture.color(), image::ColorType::Rgba8, "{name} {file}");
+            let near = |(pixel, a): (&image::Rgba<u8>, &f32)| (f32::from(pixel.0[3]) - 255.0 * a).abs() < 0.51;
+            assert!(picture.into_rgba8().pixels().zip(&alpha).all(near), "{name} {file}");
+        }
+    }
+}
+
+#[test]
+fn denoised_colours_end_where_alpha_does() {
+    let path = &folder();
+    let unlit = r#"{"doubleSided":true,"extensions":{"KHR_materials_unlit":{}}}"#;
+    fs::write(path.join("white.gltf"), Parts::of_materials(unlit).json()).unwrap();
+    // The mean of 9 x 9 pixels, and the library.
+    let blur = "for (long y = 0; y < h; y++) for (long x = 0; x < w; x++) for (int c = 0; c < 3; c++) {
+        double s = 0; int n = 0;
+        for (long v = y - 4; v <= y + 4; v++) for (long u = x - 4; u <= x + 4; u++)
+            if (u >= 0 && v >= 0 && u < w && v < h) { s += in[3 * (v * w + u) + c]; n++; }
+        out[3 * (y * w + x) + c] = s / n;
+    }";
+    let blur = false_denoiser(path, "blur.so", blur);
+    let box_of = "cornell.glb --sky --orbit 30,20,1.5";
+    expect(path, &format!("render {box_of} --transparent --size 48x36 --spp 2048 --seed 7 -q -o true.exr"), 0);
+    for library in [Some(blur.clone()), denoiser()].into_iter().flatten() {
+        let render = |line: &str| {
+            let line = format!(
+                "render {line} --size 48x36 --denoise oidn -q --exposure 0 --view srgb -o a.exr --preview a.png"
+            );
+            let output = bismar(path).args(line.split(' ')).env("BISMAR_OIDN", &library).output().unwrap();
+            assert!(output.status.success(), "{}", program::stderr(&output));
+            let of = |name: &str| channel(&path.join("a.exr"), name);
+            (of("A"), of("R"), of("denoised.R"), image::open(path.join("a.png")).unwrap().into_rgba8())
+        };
+        // White wherever it is hit.
+        for flags in ["--transparent --sky", "--ground shadow --sky --orbit 20,30"] {
+            let (alpha, noisy, denoised, png) = render(&format!("white.gltf --spp 16 {flags}"));
+            for ((a, noisy), (own, pixel)) in alpha.iter().zip(&noisy).zip(denoised.iter().zip(png.pixels())) {
+                assert!((own - noisy).abs() < 0.01 && (*noisy > 0.0 || *own == 0.0), "{flags}: {own} for {noisy}");
+                assert!(*noisy < 0.99 * a || *a < 0.1 || pixel.0[0] >= 250, "{flags}: {pixel:?}");
+            }
+        }
+        if library == blur {
+            continue;
+        }
+        // Rims are nearer to the converged picture than with colours that are blurred against black (0.41).
+        let (alpha, noisy, denoised, _) = render(&format!("{box_of} --transparent --spp 16"));
+        let truth = channel(&path.join("true.exr"), "R");
+        let error = |of: &[f32]| -> f32 {
+            let rims = alpha.iter().zip(of.iter().zip(&truth)).filter(|(a, _)| **a > 0.0 && **a < 1.0);
+            rims.map(|(_, (own, right))| (own - right).powi(2)).sum()
+        };
+        assert!(error(&denoised) < 0.35 * error(&noisy), "{} {}", error(&denoised), error(&noisy));
+    }
+}
+
+#[test]
+fn pixels_that_are_not_finite_exceed_every_threshold() {
+    let path = &Folder::new();
+    let write = |name: &str, bad: f32| {
+        let mut rgb = [[0.5; 3]; 64];
+        rgb[9][1] = bad;
+        write_rgb(&path.join(name), [0, 0, 8, 8], [0, 0, 8, 8], &rgb).unwrap();
+    };
+    [("a.exr", 0.5), ("nan.exr", f32::NAN), ("inf.exr", f32::INFINITY)].map(|(name, bad)| write(name, bad));
+    for flags in ["--max-relmse 9", "--max-flip 1"] {
+        expect(path, &format!("compare a.exr a.exr {flags} -q"), 0);
+        for pair in ["nan.exr a.exr", "a.exr nan.exr", "inf.exr a.exr", "a.exr inf.exr", "nan.exr nan.exr"] {
+            says(path, &format!("compare {pair} {flags}"), 1, "are not finite");
+            expect(path, &format!("compare {pair}"), 0);
+        }
+    }
 }

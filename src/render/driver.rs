@@ -179,9 +179,8 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
 /// What the picture shows behind all surfaces.
 fn background(scene: &Scene, settings: &RenderSettings) -> Background {
     match &scene.environment {
+        _ if settings.transparent || settings.catches_shadows() => Background::Transparent,
         None => Background::Black,
-        _ if settings.catches_shadows() => Background::Transparent,
-        Some(_) if settings.transparent => Background::Transparent,
         Some(_) => Background::Environment,
     }
 }
