@@ -7,9 +7,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::Duration;
 
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGUSR1};
-
 use crate::console::child::this_program;
+use crate::console::signals::HEARD;
 use crate::film::denoise::{Denoiser, NoisyPicture};
 use crate::{Error, Result};
 
@@ -79,8 +78,7 @@ pub fn denoised_elsewhere(picture: &NoisyPicture, stop: &AtomicBool) -> Result<V
         });
         let status = wait(&mut child, stop).map_err(|e| cannot("wait for", e))?;
         let (result, said) = (result.join(), said.join().unwrap_or_default());
-        let interrupting = [SIGHUP, SIGINT, SIGTERM, SIGUSR1];
-        if stop.load(Ordering::SeqCst) || status.signal().is_some_and(|signal| interrupting.contains(&signal)) {
+        if stop.load(Ordering::SeqCst) || status.signal().is_some_and(|signal| HEARD.contains(&signal)) {
             return Err(Error::Interrupted("interrupted while denoising".into()));
         }
         match result {
