@@ -27,7 +27,7 @@ const WORKING: u8 = 1;
 const ENDING: u8 = 2;
 
 /// Exit code of a child whose parent has ended, the same as after a signal.
-const ORPHANED_EXIT_CODE: i32 = 75;
+pub(super) const ORPHANED_EXIT_CODE: i32 = 75;
 
 /// All signals that ask for the end of a process. Others that end it tell of its own faults.
 pub const HEARD: [i32; 10] = [SIGINT, SIGTERM, SIGHUP, SIGUSR1, SIGXCPU, SIGQUIT, SIGUSR2, SIGALRM, SIGVTALRM, SIGPROF];

@@ -7,6 +7,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::Duration;
 
+use rustix::process::{Signal, set_parent_process_death_signal};
+
 use crate::console::child::this_program;
 use crate::console::signals::HEARD;
 use crate::film::denoise::{Denoiser, NoisyPicture};
@@ -18,6 +20,8 @@ use crate::{Error, Result};
 /// # Errors
 /// Those of the denoiser, and of standard input and output.
 pub fn work(width: usize, height: usize) -> Result<()> {
+    // Nobody else wants what it makes.
+    let _ = set_parent_process_death_signal(Some(Signal::KILL));
     let pixels = width.checked_mul(height).ok_or_else(|| Error::Usage("too many pixels".into()))?;
     let failed = |e: io::Error| Error::Io(format!("a pipe of `bismar render`: {e}"));
     let mut picture = NoisyPicture { width, ..Default::default() };
