@@ -3,20 +3,15 @@
 //! Signals of a terminal or a scheduler may reach both processes or only the parent. The child therefore ignores them
 //! ([`Signals::from_parent`]) and listens to its standard input: a byte stands for a signal, the end of input for the parent's end.
 
-use std::fs::{self, File};
-use std::io::{self, BufRead, BufReader, ErrorKind, Read, Write};
-use std::os::fd::AsFd;
+use std::io::{BufRead, BufReader, Write};
 use std::os::unix::process::CommandExt;
-use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};
+use std::thread;
 use std::time::Duration;
-use std::{env, thread};
 
-use rustix::process::{Pid, Signal, getppid, kill_process, set_parent_process_death_signal};
-use signal_hook::low_level;
+use rustix::process::{Pid, Signal, kill_process};
 
 use super::Signals;
-use super::signals::ORPHANED_EXIT_CODE;
 use crate::{Error, Result};
 
 /// A command that runs this program, even if its file has been replaced since it started.
@@ -24,43 +19,6 @@ pub fn this_program() -> Command {
     let mut command = Command::new("/proc/self/exe");
     command.arg0("bismar");
     command
-}
-
-/// Environment variables of the npm package: the process whose end is a SIGTERM for this one; and the folder of a call, which goes at
-/// once with whoever reads standard output.
-const CALLER: &str = "BISMAR_CALLER";
-const CALL_FOLDER: &str = "BISMAR_CALL_FOLDER";
-
-/// Ends with the process that the npm package says, however that ends.
-pub fn end_with_caller() {
-    // Others may inherit the variable.
-    let caller = env::var(CALLER).ok().and_then(|pid| pid.parse().ok());
-    if caller.is_some() && caller == getppid().map(|pid| pid.as_raw_nonzero().get()) {
-        let _ = set_parent_process_death_signal(Some(Signal::TERM));
-    }
-    let Some(folder) = env::var_os(CALL_FOLDER) else { return };
-    // Standard output is a socket, on which nothing arrives but its end.
-    let Ok(mut caller) = io::stdout().as_fd().try_clone_to_owned().map(File::from) else { return };
-    let _ = thread::Builder::new().spawn(move || {
-        loop {
-            match caller.read(&mut [0]) {
-                Ok(1..) => {}
-                Err(e) if e.kind() == ErrorKind::Interrupted => {}
-                Ok(0) => break,
-                Err(e) if e.kind() == ErrorKind::ConnectionReset => break,
-                Err(_) => return,
-            }
-        }
-        // Files are written in it until it is gone.
-        let folder = Path::new(&folder);
-        let is_own = folder.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"bismar-"));
-        for _ in 0..100 {
-            if !is_own || fs::remove_dir_all(folder).is_ok() || !folder.exists() {
-                break;
-            }
-        }
-        low_level::exit(ORPHANED_EXIT_CODE);
-    });
 }
 
 /// Runs a command that listens with [`Signals::from_parent`] until it ends, and forwards the first signal. `first` is written to its

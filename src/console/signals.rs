@@ -10,6 +10,7 @@ use std::time::Duration;
 use signal_hook::consts::{SIGALRM, SIGHUP, SIGINT, SIGPROF, SIGQUIT, SIGTERM, SIGUSR1, SIGUSR2, SIGVTALRM, SIGXCPU};
 use signal_hook::{flag, low_level};
 
+use super::caller::ORPHANED_EXIT_CODE;
 use super::{fail, screen};
 use crate::film::lock;
 use crate::{Error, Result};
@@ -25,9 +26,6 @@ pub struct Signals {
 const LOADING: u8 = 0;
 const WORKING: u8 = 1;
 const ENDING: u8 = 2;
-
-/// Exit code of a child whose parent has ended, the same as after a signal.
-pub(super) const ORPHANED_EXIT_CODE: i32 = 75;
 
 /// All signals that ask for the end of a process. Others that end it tell of its own faults.
 pub const HEARD: [i32; 10] = [SIGINT, SIGTERM, SIGHUP, SIGUSR1, SIGXCPU, SIGQUIT, SIGUSR2, SIGALRM, SIGVTALRM, SIGPROF];
@@ -74,8 +72,7 @@ impl Signals {
         for signal in handled() {
             // The parent's CPU time is another.
             let heard = if signal == SIGXCPU { Arc::clone(&signals.stop) } else { Arc::default() };
-            flag::register(signal, heard)
-                .map_err(|e| Error::Host(format!("cannot listen to signal {signal}: {e}")))?;
+            flag::register(signal, heard).map_err(|e| Error::Host(format!("cannot listen to signal {signal}: {e}")))?;
         }
         let stop = Arc::clone(&signals.stop);
         let listener = thread::Builder::new().spawn(move || {
