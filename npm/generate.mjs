@@ -33,8 +33,8 @@ const interfaces = Object.entries(commands).map(([name, options]) => {
 });
 
 const types = `// Made by npm/generate.mjs.
-/** A path, a file: URL, or the bytes of a file. */
-export type Input = string | URL | ArrayBufferView | ArrayBuffer;
+/** A path, a file: URL as such or as text, or the bytes of a file. */
+export type Input = string | URL | ArrayBufferView | ArrayBuffer | SharedArrayBuffer;
 
 export interface Progress {
   /** Finished fraction in [0, 1]. */

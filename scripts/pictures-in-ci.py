@@ -5,29 +5,60 @@
     pictures-in-ci.py pairs --base REVISION PATH... `bismar look` of folders of scenes: at the revision, and as they are
 
 Writes pictures and summary.md, and of goldens a page, to --out; appends the summary to $GITHUB_STEP_SUMMARY if that is set. The exit code is that
-of bismar: 1 for pictures that differ by more than --max-flip. Needs Python 3.9 and, for pairs, git.
+of bismar: 1 for pictures that differ by more than --max-flip, 65 for what cannot be compared. Needs Python 3.9 and, for pairs, git.
 """
 
 import argparse
 import json
 import os
+import re
 import shlex
+import signal
 import subprocess
 import sys
-import tarfile
 import tempfile
+import threading
+import traceback
+import unicodedata
 from pathlib import Path
+
+
+def plain(text):
+    """Text of files as text: without what a terminal or a runner (`##[command]`, `::command::`) obeys, or what reverses its order."""
+    hidden = lambda c: c not in "\n\t" and unicodedata.category(c) in ("Cc", "Cf", "Cs", "Zl", "Zp")
+    text = "".join(f"\\u{{{ord(c):x}}}" if hidden(c) else c for c in str(text))
+    return re.sub(r"^(\s*):(?=:)", r"\1\\u{3a}", text.replace("##[", "#\\u{23}["), flags=re.M)
 
 
 def bismar(options, *arguments):
     """Runs the program; returns its exit code and what it has printed."""
-    ran = subprocess.run([*shlex.split(options.bismar), *map(str, arguments)], stdout=subprocess.PIPE, text=True)
-    return ran.returncode, ran.stdout
+    command = [*shlex.split(options.bismar), *map(str, arguments)]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "encoding": "utf-8", "errors": "backslashreplace"}
+    with subprocess.Popen(command, **pipes) as ran:
+        log = threading.Thread(target=lambda: [print(plain(line), end="", file=sys.stderr, flush=True) for line in ran.stderr])
+        log.start()
+        printed = ran.stdout.read()
+        log.join()
+    return ran.returncode if ran.returncode >= 0 else 128 - ran.returncode, printed
+
+
+def git(*arguments):
+    """Runs git; returns its exit code and what it has printed, or its error."""
+    ran = subprocess.run(["git", *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, encoding="utf-8", errors="surrogateescape")
+    return ran.returncode, ran.stdout if ran.returncode == 0 else ran.stderr.strip()
 
 
 def cell(text):
     """Text in a cell of a table."""
-    return " ".join(str(text).split()).replace("\\", "\\\\").replace("|", "\\|").replace("<", "&lt;").replace("`", "\\`")
+    text = re.sub(r"([\\`*_{}\[\]()<#+!|~@&$^]|:(?=\S)|(?<!-)>|(?<=www)\.)", r"\\\1", " ".join(str(text).split()))
+    return plain(text)
+
+
+def code(text):
+    """Text as code."""
+    text = plain(" ".join(str(text).split()))
+    fence = "`" * (max(map(len, re.findall("`+", text)), default=0) + 1)
+    return f"{fence} {text} {fence}" if len(fence) > 1 else f"`{text}`"
 
 
 def table(head, rows):
@@ -37,58 +68,135 @@ def table(head, rows):
 
 def goldens(options):
     limit = [] if options.max_flip is None else ["--max-flip", options.max_flip]
-    code, _ = bismar(options, "check", *limit, "--out", options.out, *options.paths)
+    exit_code, _ = bismar(options, "check", *limit, "--out", options.out, "--", *options.paths)
     report = options.out / "report.json"
     if not report.exists():
-        return code, "No golden picture was checked: see the log.\n"
-    checks = json.loads(report.read_text())["goldens"]
+        return exit_code, "No golden picture was checked: see the log.\n"
+    checks = json.loads(report.read_text(encoding="utf-8"))["goldens"]
     rows = [(one["golden"], one["outcome"], one.get("error") or "") for one in checks if one["outcome"] != "identical"]
     text = f"{len(checks)} golden pictures, {len(checks) - len(rows)} of them identical.\n"
-    return code, text + ("\n" + table(["golden picture", "outcome", "why"], rows) if rows else "")
+    return exit_code, text + ("\n" + table(["golden picture", "outcome", "why"], rows) if rows else "")
 
 
-def extract(base, path, folder):
-    """Writes the files below `path` at a revision to `folder`; none if it was not there."""
-    folder.mkdir(parents=True)
-    here = subprocess.run(["git", "rev-parse", "--show-prefix"], check=True, stdout=subprocess.PIPE, text=True).stdout.strip()
-    if subprocess.run(["git", "cat-file", "-e", f"{base}:{here}{path}"], stderr=subprocess.DEVNULL).returncode != 0:
-        return
-    archive = ["git", "archive", "--format=tar", f"{base}:{here}{path}"]
-    with subprocess.Popen(archive, stdout=subprocess.PIPE) as ran, tarfile.open(fileobj=ran.stdout, mode="r|") as tar:
-        for member in tar:
-            # Links lead to files of other revisions, or outside.
-            if member.isfile() or member.isdir():
-                tar.extract(member, folder)
+class Refused(Exception):
+    """A path that cannot be compared: exit code and why."""
+
+
+def is_below(path, folder):
+    return os.path.commonpath([os.path.realpath(path), folder]) == folder
+
+
+def links(side, checkout):
+    """The links to folders below a folder, relative to it. Refuses links that leave the checkout: both sides would read the same."""
+    found = []
+    for folder, folders, files in os.walk(side):
+        folders[:] = [name for name in folders if name != ".git"]
+        for path in (os.path.join(folder, name) for name in folders + files):
+            if os.path.islink(path) and not is_below(path, checkout):
+                raise Refused(65, f"{os.path.relpath(path, checkout)} is a link that leads out of the repository: not compared")
+        found += [os.path.relpath(os.path.join(folder, name), side) for name in folders if os.path.islink(os.path.join(folder, name))]
+    return found
+
+
+def check_out(base, path, there, here):
+    """Refuses a path of which git has not checked out all, at the base or here."""
+    listed = git("--literal-pathspecs", "ls-tree", "-r", "-z", "--full-tree", base, *([] if path == "." else [path]))[1]
+    for mode, name in ((line.split(" ")[0], line.split("\t", 1)[1]) for line in listed.split("\0")[:-1]):
+        if mode == "160000" or not os.path.lexists(os.path.join(there, name)):
+            raise Refused(65, f"{name} is {'a submodule' if mode == '160000' else 'not checked out at the base'}: not compared")
+    for line in git("--literal-pathspecs", "ls-files", "-z", "-t", "--", os.path.join(here, path))[1].split("\0"):
+        if line.startswith("S "):
+            raise Refused(65, f"{line[2:]} is left out by a sparse checkout: not compared")
+
+
+def compared(options, old, new, path, sheet, limit):
+    """Compares a scene or a folder of scenes; what bismar says of folders, or the exit code alone."""
+    sides = [old if os.path.lexists(old) else None, new if os.path.lexists(new) else None]
+    kinds = {os.path.isdir(side) for side in sides if side}
+    if not kinds:
+        raise Refused(66, "neither here nor at the base")
+    if len(kinds) > 1:
+        raise Refused(65, "a scene on one side and a folder on the other: not compared")
+    found = {kind: [] for kind in ["added", "removed", "changed", "unchanged", "failed"]}
+    if True in kinds:
+        with tempfile.TemporaryDirectory() as empty:
+            exit_code, printed = bismar(options, "look", *limit, "-o", sheet, "--", *(side or empty for side in sides))
+        return exit_code, json.loads(printed) if printed.strip() else None
+    exit_code, printed = bismar(options, "look", *(limit if all(sides) else []), "-o", sheet, "--", *filter(None, sides))
+    if not printed.strip():
+        return exit_code, None
+    one = {**json.loads(printed), "name": path}
+    kind = "added" if not sides[0] else "removed" if not sides[1] else "unchanged" if one["same_files"] else "changed"
+    found[kind].append(one if kind == "changed" else path)
+    return exit_code, found
 
 
 def pairs(options):
-    known = ["git", "rev-parse", "--verify", "--quiet", f"{options.base}^{{commit}}"]
-    if subprocess.run(known, stdout=subprocess.DEVNULL).returncode != 0:
-        return 66, f"The revision {options.base} is not here: fetch it.\n"
-    worst, text = 0, ""
+    known, base = git("rev-parse", "--verify", "--quiet", "--end-of-options", f"{options.base}^{{commit}}")
+    if known != 0:
+        return 66, f"The revision {code(options.base)} is not here: fetch it.\n"
+    base, here = base.strip(), os.path.realpath(git("rev-parse", "--show-toplevel")[1].rstrip("\n"))
+    with tempfile.TemporaryDirectory() as folder:
+        there = os.path.join(os.path.realpath(folder), "base")
+        failed, why = git("worktree", "add", "--quiet", "--detach", there, base)
+        try:
+            return (74, f"{code(options.base)} cannot be checked out: {cell(why)}\n") if failed else look(options, base, here, there)
+        finally:
+            git("worktree", "remove", "--force", there)
+
+
+def look(options, base, here, there):
+    worst, text, seen = 0, "", set()
     limit = [] if options.max_flip is None else ["--max-flip", options.max_flip]
-    for number, path in enumerate(options.paths, 1):
-        name = f"pairs-{number}" if len(options.paths) > 1 else "pairs"
-        with tempfile.TemporaryDirectory() as folder:
-            old = Path(folder) / "base"
-            extract(options.base, Path(path).as_posix(), old)
-            code, printed = bismar(options, "look", *limit, "-o", options.out / f"{name}.png", "--", old, path)
-        worst = max(worst, code)
-        if not printed.strip():
-            text += f"`{path}`: exit code {code}, see the log.\n"
+    waiting = []
+    for path in options.paths:
+        full = os.path.join(os.getcwd(), path)
+        inside = os.path.commonpath([full, here]) == here
+        waiting.append((path, os.path.relpath(full if inside else os.path.realpath(full), here)))
+    for number, (path, place) in enumerate(waiting, 1):
+        name = f"pairs-{number}" if len(waiting) > 1 else "pairs"
+        old, new = os.path.join(there, place), os.path.join(here, place)
+        try:
+            if place.split(os.sep)[0] == "..":
+                raise Refused(64, "outside of the repository")
+            for side, checkout in [(old, there), (new, here)]:
+                if not is_below(side, checkout):
+                    raise Refused(65, "a link that leads out of the repository: not compared")
+            check_out(base, place, there, here)
+            # Links to folders are not followed in folders: they are paths of their own.
+            for link in sorted({*links(old, there), *links(new, here)}):
+                ends = [(os.path.join(side, link), top) for side, top in [(old, there), (new, here)]]
+                ends = tuple(os.path.lexists(end) and os.path.relpath(os.path.realpath(end), top) for end, top in ends)
+                if ends not in seen and not (ends[0] == ends[1] and is_below(os.path.join(new, link), os.path.realpath(new))):
+                    seen.add(ends)
+                    waiting.append((os.path.join(path, link), os.path.join(place, link)))
+            exit_code, found = compared(options, old, new, path, options.out / f"{name}.png", limit)
+        except Refused as refused:
+            exit_code, why = refused.args
+            worst, text = max(worst, exit_code), text + f"{code(path)}: {cell(why)}.\n"
             continue
-        found = json.loads(printed)
+        worst = max(worst, exit_code)
+        if found is None:
+            text += f"{code(path)}: exit code {exit_code}, see the log.\n"
+            continue
         counts = [f"{len(found[kind])} {kind}" for kind in ["added", "removed", "changed", "unchanged", "failed"]]
-        text += f"`{path}`: {', '.join(counts)}.\n"
-        rows = [(one["name"], f"{one['flip']:.4f}", "; ".join(one["differences"])) for one in found["changed"]]
+        text += f"{code(path)}: {', '.join(counts)}.\n"
+        flip = lambda one: "" if one["flip"] is None else f"{one['flip']:.4f}"
+        rows = [(one["name"], flip(one), "; ".join(one["differences"])) for one in found["changed"]]
         rows += [(name, "", kind) for kind in ["added", "removed"] for name in found[kind]]
         rows += [(one.get("name", ""), "", one.get("error", "failed")) for one in found["failed"]]
-        text += "\n" + table(["scene", "FLIP", "what differs"], rows) if rows else ""
+        text += "\n" + table(["scene", "FLIP", "what differs"], rows) + "\n" if rows else ""
     return worst, text
 
 
+class Parser(argparse.ArgumentParser):
+    def error(self, message):
+        self.print_usage(sys.stderr)
+        self.exit(64, f"error: {message}\n")
+
+
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("mode", choices=["goldens", "pairs"])
     parser.add_argument("paths", nargs="+")
     parser.add_argument("--base", help="revision to compare with, for pairs")
@@ -101,15 +209,24 @@ def main():
     if options.out.exists() and any(options.out.iterdir()):
         parser.error(f"{options.out}: not empty")
     options.out.mkdir(parents=True, exist_ok=True)
-    code, text = {"goldens": goldens, "pairs": pairs}[options.mode](options)
+    exit_code, text = {"goldens": goldens, "pairs": pairs}[options.mode](options)
     text = f"## Bismar: {options.mode}\n\n{text}"
-    (options.out / "summary.md").write_text(text)
+    (options.out / "summary.md").write_text(text, encoding="utf-8")
     if summary := os.environ.get("GITHUB_STEP_SUMMARY"):
         with open(summary, "a", encoding="utf-8") as file:
             file.write(text)
     print(text)
-    return code
+    return exit_code
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    # Checkouts and folders are removed then too.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+    for stream in (sys.stdout, sys.stderr):
+        stream.reconfigure(encoding="utf-8", errors="backslashreplace")
+    try:
+        sys.exit(main())
+    except Exception:
+        # 1 would mean that pictures differ.
+        print(plain(traceback.format_exc()), file=sys.stderr)
+        sys.exit(70)

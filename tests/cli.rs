@@ -312,7 +312,7 @@ fn an_interrupted_render_saves_what_there_is_and_exits_with_75() {
 fn a_build_that_is_interrupted_touches_no_output_and_exits_with_75() {
     let folder = folder().with("thicket.glb", glb::thicket(1_500_000)).with("thicket.exr", b"the old picture");
     let before = names(&folder);
-    let line = "render thicket.glb --size 64x48 --time 600 -v";
+    let line = "render thicket.glb --size 64x48 --time 600 -v -o thicket.exr";
     let mut render = Running::start(&folder, line);
     render.until("read thicket.glb");
     let (code, text) = render.end("-INT");
@@ -326,7 +326,7 @@ fn a_full_disk_or_a_file_beyond_the_largest_size_exits_with_74_and_leaves_the_ol
     let old = b"the old picture".as_slice();
     let folder = folder().with("scene.exr", old);
     // A limit of a few kilobytes a file ends a write in its middle.
-    let script = "ulimit -f 8; exec \"$0\" render scene.glb --size 128x128 --spp 8 -q";
+    let script = "ulimit -f 8; exec \"$0\" render scene.glb --size 128x128 --spp 8 -q -o scene.exr";
     let output = Command::new("sh").args(["-c", script]).arg(program()).current_dir(&folder).output().unwrap();
     assert_eq!(output.status.code(), Some(74), "{}", stderr(&output));
     assert!(stderr(&output).contains("scene.exr: cannot write"), "{}", stderr(&output));

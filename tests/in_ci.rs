@@ -1,6 +1,7 @@
 //! What runs in continuous integration: the script behind `action.yml`, and the steps of the workflows.
 
 use std::fs;
+use std::os::unix::fs::symlink;
 use std::path::Path;
 use std::process::Command;
 
@@ -75,6 +76,73 @@ fn a_change_of_scenes_is_shown_and_goldens_are_checked() {
     fs::write(path.join("fresh/a.glb"), glb::triangle()).unwrap();
     let differs = pictures(path, "goldens --max-flip 0.01 g.exr", 1);
     assert!(differs.contains("| g.exr | differs |"), "{differs}");
+}
+
+/// What was compared is counted; everything else is an error that says why.
+#[test]
+fn both_sides_are_whole_checkouts_and_what_is_not_compared_is_an_error() {
+    if !has("git") || !has("python3") {
+        return skipped("git or python3 is not installed");
+    }
+    let folder = Folder::new().with_scene("assets/a.glb", "cornell.glb").with("assets/deep/b.glb", glb::triangle());
+    let path = &folder.with("more/c.glb", glb::triangle()).with("broken/x.glb", "no scene");
+    // Scenes under a filter, as Git LFS has, and left out of archives.
+    fs::write(path.join(".gitattributes"), "*.glb filter=lfs export-ignore -text\n").unwrap();
+    git(path, "init -q");
+    let config = path.join(".git/config");
+    let filter = "[filter \"lfs\"]\nclean = base64\nsmudge = base64 -d\nrequired = true\n";
+    fs::write(&config, fs::read_to_string(&config).unwrap() + filter).unwrap();
+    for (to, link) in [("assets", "models"), ("../more", "assets/more"), ("/usr/share", "broken/out")] {
+        symlink(to, path.join(link)).unwrap();
+    }
+    git(path, "add .");
+    git(path, "commit -qm base");
+    fs::write(path.join("assets/a.glb"), glb::triangle()).unwrap();
+    let top = path.canonicalize().unwrap();
+    let changed = "0 added, 0 removed, 1 changed, 1 unchanged, 0 failed";
+    for name in ["assets", "./assets/", "models", "more/../assets", &format!("{}/assets", top.display())] {
+        let said = pictures(path, &format!("pairs --base HEAD --max-flip 0.001 {name}"), 1);
+        assert!(said.contains(changed) && said.contains("/more`: 0 added, 0 removed, 0 changed, 1 un"), "{said}");
+    }
+    let said = pictures(&path.join("more"), "pairs --base HEAD --max-flip 0.001 ../assets . ../assets/a.glb", 1);
+    assert!(said.contains(changed) && said.contains("`.`: 0 added, 0 removed, 0 changed, 1 unchanged"), "{said}");
+    assert!(said.contains("| ../assets/a.glb | 0."), "{said}");
+    for (name, code, why) in [
+        ("nowhere", 66, "neither"),
+        ("..", 64, "outside"),
+        ("/tmp", 64, "outside"),
+        ("broken", 65, "link that leads out"),
+        ("broken/x.glb", 65, "see the log"),
+        (".gitattributes", 65, "see the log"),
+    ] {
+        let said = pictures(path, &format!("pairs --base HEAD {name}"), code);
+        assert!(said.contains(why), "{name}: {said}");
+    }
+    // Scenes that are new and broken, and names that Markdown and a runner would obey.
+    let name = "##[group]_*`<b>\u{202e}[x](y)";
+    for (ending, bytes) in [("1.glb", &b"no scene"[..]), ("2.glb", &glb::triangle())] {
+        fs::write(path.join(format!("more/{name}{ending}")), bytes).unwrap();
+    }
+    let said = pictures(path, "pairs --base HEAD more", 65);
+    assert!(said.contains("1 added, 0 removed, 0 changed, 1 unchanged, 1 failed"), "{said}");
+    assert!(said.contains(r"\#\#\[group\]\_\*\`\<b\>\u{202e}\[x\]\(y\)2.glb"), "{said}");
+    // The lines of the action's input.
+    let action = fs::read_to_string(Path::new(ROOT).join("action.yml")).unwrap();
+    let block = action.split("run: |\n").nth(1).unwrap().split("\n    - ").next().unwrap();
+    let _ = fs::remove_dir_all(path.join("bismar-ci"));
+    let mut command = Command::new("bash");
+    command.current_dir(path).args(["-e", "-o", "pipefail", "-c", block]).env("GITHUB_ACTION_PATH", ROOT);
+    command.env("MODE", "pairs").env("PATHS", "broken/none\r\nassets/deep\n  assets/a.glb\n").env("BASE", "HEAD");
+    let output = command.env("BISMAR", program()).env("MAX_FLIP", "0.001").output().unwrap();
+    let said = String::from_utf8(output.stdout).unwrap();
+    assert_eq!(output.status.code(), Some(66), "{said}{}", stderr(&output));
+    assert!(
+        said.contains("`assets/deep`: 0 added") && said.contains("`assets/a.glb`: 0 added, 0 removed, 1"),
+        "{said}"
+    );
+    // No checkout is left.
+    let output = Command::new("git").current_dir(path).args(["worktree", "list"]).output().unwrap();
+    assert_eq!(output.stdout.iter().filter(|b| **b == b'\n').count(), 1);
 }
 
 #[test]

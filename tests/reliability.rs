@@ -3,6 +3,7 @@
 
 use std::fs;
 use std::io::Write;
+use std::os::unix::process::ExitStatusExt;
 use std::path::Path;
 use std::process::Command;
 use std::sync::atomic::AtomicBool;
@@ -171,6 +172,27 @@ fn a_signal_is_heard_while_a_pre_pass_learns() {
         let (code, said) = render.end("-TERM");
         assert_eq!(code, Some(75), "{what}: {said}");
     }
+}
+
+#[test]
+fn signals_that_arrive_together_are_one_and_a_later_one_ends_the_program_at_once() {
+    let path = &folder();
+    for signals in ["-TERM -INT", "-HUP -TERM", "-XCPU -XCPU -XCPU", "-QUIT -INT -TERM", "-USR2", "-ALRM -USR1"] {
+        let _ = fs::remove_file(path.join("k.exr"));
+        let mut render = Running::start(path, "render cornell.glb --size 96x64 --time 600 -o k.exr --progress plain");
+        render.until("PROGRESS");
+        let (code, said) = render.end(signals);
+        assert_eq!(code, Some(75), "{signals}: {said}");
+        assert!(said.contains("k.exr is saved") && path.join("k.exr").exists(), "{signals}: {said}");
+    }
+    // The picture is saved, and a program of the user's runs on.
+    let path = &folder().with("wait.sh", "#!/bin/sh\n: >saved; exec sleep 9\n");
+    assert!(Command::new("chmod").arg("+x").arg(path.join("wait.sh")).status().unwrap().success());
+    let line = "render cornell.glb --size 96x64 --time 600 -o k.exr --checkpoint 600 --on-checkpoint ./wait.sh";
+    let mut render = Running::start(path, &format!("{line} --progress plain"));
+    render.until("PROGRESS");
+    let status = render.end_by_many("-TERM", || path.join("saved").exists());
+    assert_eq!(status.signal(), Some(15), "{status}");
 }
 
 /// Turns a word of a picture's header into another of the same length, and seals the file again.

@@ -110,7 +110,7 @@ fn outputs_that_a_file_names_stay_in_its_folder_and_replace_nothing_of_others() 
     let picture = other.join("p.exr");
     let task = |code| expect(path, "farm task 1 --plan jobs.farm/farm.json", code);
     fs::write(&picture, "mine").unwrap();
-    task(65);
+    task(73);
     assert_eq!(fs::read(&picture).unwrap(), b"mine");
     fs::remove_file(&picture).unwrap();
     symlink(other.join("new"), &picture).unwrap();
@@ -154,6 +154,60 @@ fn what_a_command_derives_is_not_written_through_links_or_over_files_of_others()
     symlink(&other, path.join("bismar-check/new")).unwrap();
     expect(path, "check golden.exr", 73);
     assert!(names(&other).is_empty());
+}
+
+#[test]
+fn what_bismar_has_not_written_or_others_have_changed_is_replaced_only_by_name() {
+    let path = &folder();
+    let batch = |line: &str, code| {
+        let job = "[[job]]\nscene = 's.glb'\nsize = '8x8'\nspp = 1\naov = 'object,depth'\noutput = 'p.exr'\n";
+        fs::write(path.join("jobs.toml"), format!("{job}{line}\n")).unwrap();
+        expect(path, "batch jobs.toml", code)
+    };
+    let turn = |_: &str, code| expect(path, "render s.glb --turntable 2 --size 8x8 --spp 1 -o v.#.exr", code);
+    let labels = |_: &str, code| expect(path, "labels p.exr --ids --depth npy", code);
+    let check = |_: &str, code| expect(path, "check p.exr", code);
+    let by_default = |_: &str, code| expect(path, "render s.glb --size 8x8 --spp 1", code);
+    let picture = |format| {
+        let mut file = std::io::Cursor::new(Vec::new());
+        image::RgbImage::new(8, 8).write_to(&mut file, format).unwrap();
+        file.into_inner()
+    };
+    let [png, jpg, webp] = [image::ImageFormat::Png, image::ImageFormat::Jpeg, image::ImageFormat::WebP].map(picture);
+    let json = br#"{"schema": 3, "bismar.mark": "0", "generator": "bismar", "frames": []}"#.to_vec();
+    let runs: [(&dyn Fn(&str, i32) -> String, _, _, _); 10] = [
+        (&batch, "", "p.exr", b"v/1\x01 bismar".to_vec()),
+        (&batch, "preview = 'p.png'", "p.png", png),
+        (&batch, "preview = 'p.jpg'", "p.jpg", jpg),
+        (&batch, "preview = 'p.webp'", "p.webp", webp),
+        (&batch, "stats = 'p.json'", "p.json", json.clone()),
+        (&batch, "", "jobs-report.json", json.clone()),
+        (&by_default, "", "s.exr", vec![]),
+        (&turn, "", "transforms.json", json),
+        (&labels, "", "p.depth.npy", b"\x93NUMPY\x01\x00\x10\x00{'descr':'<f4'}\n".to_vec()),
+        (&check, "", "bismar-check/index.html", b"<!-- bismar -->".to_vec()),
+    ];
+    for (run, line, name, of_others) in runs {
+        // It is made, and made again over itself.
+        (0..2).for_each(|_| drop(run(line, 0)));
+        let file = path.join(name);
+        let own = fs::read(&file).unwrap();
+        let last = own.len() - 1;
+        let changed = [&own[..last], &[own[last] ^ 1]].concat();
+        for bytes in [of_others, changed, [&own[..], b"\n"].concat(), vec![]] {
+            fs::write(&file, &bytes).unwrap();
+            let said = run(line, 73);
+            assert!(said.contains("has not written"), "{name}: {said}");
+            assert!(fs::read(&file).unwrap() == bytes, "{name}");
+        }
+        fs::write(&file, own).unwrap();
+        run(line, 0);
+    }
+    // Arrays and ids of another size over their own files.
+    expect(path, "render s.glb --size 9x9 --spp 1 --aov object,depth -o p.exr", 0);
+    labels("", 0);
+    ["s.exr", "p.webp"].iter().for_each(|name| fs::write(path.join(name), "mine").unwrap());
+    expect(path, "render s.glb --size 8x8 --spp 1 -o s.exr --preview p.webp", 0);
 }
 
 #[test]

@@ -3,6 +3,7 @@
 "use strict";
 
 const { spawn } = require("node:child_process");
+const os = require("node:os");
 const { program } = require("./index.cjs");
 
 let file;
@@ -12,10 +13,12 @@ try {
   process.stderr.write(`error: ${error.message}\n`);
   process.exit(error.exitCode);
 }
-const child = spawn(file, process.argv.slice(2), { stdio: "inherit" });
-for (const name of ["SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1"]) {
-  // A terminal sends Ctrl-C to both already, and a second signal would end the program before it has saved.
-  process.on(name, () => (name === "SIGINT" && process.stdin.isTTY) || child.kill(name));
+// The program ends as by SIGTERM when this process does.
+const env = { ...process.env, BISMAR_CALLER: String(process.pid) };
+const child = spawn(file, process.argv.slice(2), { stdio: "inherit", env });
+for (const name of ["SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGUSR1", "SIGUSR2", "SIGALRM"]) {
+  // A terminal, npm and this process may all send it to the program, for which signals within half a second are one.
+  process.on(name, () => child.kill(name));
 }
 child.on("error", (error) => {
   process.stderr.write(`error: ${file}: ${error.message}\n`);
@@ -23,6 +26,7 @@ child.on("error", (error) => {
 });
 child.on("exit", (code, signal) => {
   if (signal === null) process.exit(code);
+  process.exitCode = 128 + os.constants.signals[signal];
   process.removeAllListeners(signal);
   process.kill(process.pid, signal);
 });

@@ -3,11 +3,12 @@
 "use strict";
 
 const { spawn } = require("node:child_process");
-const { mkdtempSync, readFileSync, rmSync, writeFileSync } = require("node:fs");
+const { existsSync, mkdtempSync, readFileSync, rmSync, writeFileSync } = require("node:fs");
 const os = require("node:os");
 const path = require("node:path");
 const { Readable, pipeline } = require("node:stream");
 const { fileURLToPath } = require("node:url");
+const { isAnyArrayBuffer } = require("node:util/types");
 
 const { version } = require("./package.json");
 const COMMANDS = require("./options.json");
@@ -27,9 +28,21 @@ class BismarError extends Error {
   }
 }
 
+/** Does `work`; errors of the system are a BismarError. */
+function ours(work, what) {
+  try {
+    return work();
+  } catch (error) {
+    if (typeof error?.syscall !== "string") throw error;
+    const codes = { E2BIG: 64, ENOSPC: 74, EDQUOT: 74, EIO: 74, EMFILE: 76, ENFILE: 76, EAGAIN: 76, ENOMEM: 76, EACCES: 77, EPERM: 77 };
+    throw new BismarError(`${what}: ${error.message}`, codes[error.code] ?? 73);
+  }
+}
+
 /** The path of the program. */
 function program() {
-  const glibc = process.platform !== "linux" || process.report.getReport().header.glibcVersionRuntime !== undefined;
+  // What loads the program.
+  const glibc = process.platform !== "linux" || process.arch !== "x64" || existsSync("/lib64/ld-linux-x86-64.so.2");
   const platform = `${process.platform}-${process.arch}${glibc ? "" : " without glibc"}`;
   if (platform !== "linux-x64") {
     throw new BismarError(`there is no program for ${platform}: bismar runs on Linux on x64 with glibc`, 76);
@@ -73,8 +86,9 @@ function flags(command, options) {
   });
 }
 
+/** Also of other realms, as those of node:vm and of test runners. */
 function isBytes(value) {
-  return ArrayBuffer.isView(value) || value instanceof ArrayBuffer;
+  return ArrayBuffer.isView(value) || isAnyArrayBuffer(value);
 }
 
 function bytesOf(value) {
@@ -83,12 +97,13 @@ function bytesOf(value) {
 
 /** An absolute path, which is no flag. */
 function pathOf(value) {
-  if (value instanceof URL) return fileURLToPath(value);
-  if (typeof value !== "string" || value === "") throw new TypeError("expected a path, a file: URL, or bytes");
-  return path.resolve(value);
+  const text = typeof value === "object" ? value?.href : value;
+  if (typeof text !== "string" || text === "") throw new TypeError("expected a path, a file: URL, or bytes");
+  if (text !== value || /^file:/i.test(text)) return fileURLToPath(text);
+  return ours(() => path.resolve(text), text);
 }
 
-/** Processes and folders of calls that have not ended; they do not outlive this process. */
+/** Processes and folders of calls that have not ended. Where this process ends without `exit`, the program removes both. */
 const open = new Set();
 const waiting = [];
 let running = 0;
@@ -131,7 +146,7 @@ function next() {
  * `result`, which makes the call's result of its output.
  */
 async function run(signal, progress, prepare) {
-  if (signal !== undefined && !(signal instanceof AbortSignal)) throw new TypeError("signal is not an AbortSignal");
+  if (signal !== undefined && typeof signal?.throwIfAborted !== "function") throw new TypeError("signal is not an AbortSignal");
   if (progress !== undefined && typeof progress !== "function") throw new TypeError("progress is not a function");
   const file = program();
   signal?.throwIfAborted();
@@ -141,10 +156,13 @@ async function run(signal, progress, prepare) {
     if (open.size === 0) process.on("exit", endAll);
     open.add(call);
     signal?.throwIfAborted();
-    call.folder = mkdtempSync(path.join(os.tmpdir(), "bismar-"));
-    const { args, input, result } = prepare(call.folder);
+    const temporary = `a temporary folder in ${os.tmpdir()}, which TMPDIR names`;
+    const { args, input, result } = ours(() => {
+      call.folder = mkdtempSync(path.join(path.resolve(os.tmpdir()), "bismar-"));
+      return prepare(call.folder);
+    }, temporary);
     const output = await ended(call, file, args, input, signal, progress);
-    return result(output);
+    return ours(() => result(output), temporary);
   } finally {
     end(call);
     open.delete(call);
@@ -156,7 +174,9 @@ async function run(signal, progress, prepare) {
 /** Waits for the end of the program, and returns what it has printed. */
 function ended(call, file, args, input, signal, progress) {
   return new Promise((resolve, reject) => {
-    const child = spawn(file, ["--log=json", ...args], { stdio: [input === undefined ? "ignore" : "pipe", "pipe", "pipe"] });
+    const stdio = [input === undefined ? "ignore" : "pipe", "pipe", "pipe"];
+    const env = { ...process.env, BISMAR_CALL_FOLDER: call.folder };
+    const child = ours(() => spawn(file, ["--log=json", ...args], { stdio, env }), file);
     call.child = child;
     child.on("error", (error) => reject(new BismarError(`${file}: ${error.message}`, 76)));
     // Without file descriptors left, there are no pipes.

@@ -1,12 +1,13 @@
 // Run by scripts/try-npm.sh in a folder where the packages are installed. BISMAR_REPOSITORY: the folder of this repository.
 import assert from "node:assert/strict";
 import { execFileSync, spawn, spawnSync } from "node:child_process";
-import { closeSync, mkdirSync, mkdtempSync, openSync, readFileSync, readdirSync, writeFileSync, writeSync } from "node:fs";
+import { closeSync, existsSync, mkdirSync, mkdtempSync, openSync, readFileSync, readdirSync, unlinkSync, writeSync } from "node:fs";
 import { createRequire } from "node:module";
 import os from "node:os";
 import path from "node:path";
 import { test } from "node:test";
 import { pathToFileURL } from "node:url";
+import vm from "node:vm";
 
 import * as bismar from "bismar";
 
@@ -61,7 +62,12 @@ function byHand(flags, input) {
 test("pictures have the bits of the program, from a path, a URL and bytes", async () => {
   const [exr, png] = byHand(["--size=48x32", "--spp=8", "--threads=1", "--aov=depth", scene]);
   const options = { ...small, aovs: ["depth"] };
-  for (const from of [scene, pathToFileURL(scene), glb, glb.buffer.slice(glb.byteOffset, glb.byteOffset + glb.length)]) {
+  // Of another realm, as in node:vm and test runners, and shared.
+  const [foreign, url] = vm.runInNewContext("[new ArrayBuffer(length), { href }]", { length: glb.length, href: pathToFileURL(scene).href });
+  const shared = new Uint8Array(new SharedArrayBuffer(glb.length));
+  [new Uint8Array(foreign), shared].forEach((bytes) => bytes.set(glb));
+  const own = glb.buffer.slice(glb.byteOffset, glb.byteOffset + glb.length);
+  for (const from of [scene, pathToFileURL(scene), pathToFileURL(scene).href, url, glb, own, foreign, shared]) {
     const result = await render(from, options);
     assert.deepEqual(result.png, png);
     assert.equal(result.stats.samples.pixel_mean, 8);
@@ -178,6 +184,48 @@ test("fifty renders at once all end, and have the same bits", async () => {
   assertNothingIsLeft();
 });
 
+test("errors of the system are the package's, and say what to change", async () => {
+  const own = process.env.TMPDIR;
+  for (const folder of ["/no/such/folder", scene]) {
+    process.env.TMPDIR = folder;
+    for (const call of [render(glb), compare(glb, glb), inspect(glb)]) await refuses(call, 73, /TMPDIR/);
+  }
+  process.env.TMPDIR = own;
+  await refuses(render(scene, { camera: "x".repeat(1 << 18) }), 64, /E2BIG/);
+  await refuses(compare(glb, "x".repeat(1 << 18)), 64, /E2BIG/);
+  assertNothingIsLeft();
+});
+
+/** Waits until nothing of a folder of temporary files is there, and no program that was told of it. */
+async function untilNothingIsLeft(folder) {
+  const programs = () => readdirSync("/proc").filter((pid) => {
+    try {
+      return /^\d+$/.test(pid) && readFileSync(`/proc/${pid}/cmdline`, "latin1").includes(folder);
+    } catch {
+      return false;
+    }
+  });
+  while (readdirSync(folder).length > 0 || programs().length > 0) await new Promise((resolve) => setTimeout(resolve, 20));
+}
+
+test("however a process or a worker ends, its renders end, and their folders go", async () => {
+  const call = `require("bismar").render(${JSON.stringify(scene)}, { size: [256, 256], spp: 1e6, balance: "half", threads: 1,
+    progress: () => console.log("begun") }).catch(() => {});`;
+  const worker = `const worker = new (require("node:worker_threads").Worker)(${JSON.stringify(call)}, { eval: true, stdout: true });
+    worker.stdout.once("data", () => worker.terminate()); worker.once("exit", () => console.log("begun"));
+    setInterval(() => {}, 1000);`;
+  for (const [code, end] of [[call, "SIGTERM"], [call, "SIGHUP"], [call, "SIGINT"], [call, "SIGKILL"], [worker, undefined],
+    [`${call} process.stdin.once("data", () => { throw new Error("x"); });`, "throw"]]) {
+    const folder = mkdtempSync(path.join(temporary, "ends-"));
+    const child = spawn(process.execPath, ["-e", code], { env: { ...process.env, TMPDIR: folder }, stdio: ["pipe", "pipe", "ignore"] });
+    await new Promise((resolve) => child.stdout.once("data", resolve));
+    if (end === "throw") child.stdin.write("now");
+    else if (end !== undefined) child.kill(end);
+    await untilNothingIsLeft(folder);
+    child.kill("SIGKILL");
+  }
+});
+
 test("a process that exits takes its renders with it", async () => {
   const code = `import("bismar").then(({ render }) => {
     render(${JSON.stringify(scene)}, { size: [256, 256], spp: 1000000, balance: "half", progress: () => process.exit(3) });
@@ -193,10 +241,16 @@ test("npx bismar is the command line, and passes signals on", async () => {
   assert.equal(version.trim(), `bismar ${bismar.version}`);
   assert.equal(spawnSync(bin, ["render"]).status, 64);
   const out = path.join(temporary, "long.exr");
-  const child = spawn(bin, ["render", scene, "--size=256x256", "--spp=1000000", "--balance=half", "-o", out, "--progress=json"]);
-  child.stdout.once("data", () => child.kill("SIGTERM"));
-  assert.equal(await new Promise((resolve) => child.on("exit", resolve)), 75);
-  assert.ok(readFileSync(out).length > 0);
+  const args = ["render", scene, "--size=256x256", "--spp=1000000", "--balance=half", "-o", out, "--progress=json"];
+  // Also to the whole group, as a terminal and `timeout` do; and where only this process is killed.
+  for (const end of [(child) => child.kill("SIGTERM"), ({ pid }) => process.kill(-pid, "SIGINT"), (child) => child.kill("SIGKILL")]) {
+    const child = spawn(bin, args, { detached: true });
+    child.stdout.once("data", () => end(child));
+    const code = await new Promise((resolve) => child.on("exit", resolve));
+    assert.ok(code === 75 || code === null, `${code}`);
+    while (!existsSync(out)) await new Promise((resolve) => setTimeout(resolve, 20));
+    unlinkSync(out);
+  }
 });
 
 test("other platforms get a clear error", async () => {

@@ -63,6 +63,7 @@ pub fn run(args: &BatchArgs, verbosity: Verbosity) -> Result<Verdict> {
     // The default report follows from the batch file that the command line names. What waits in its place may be of others.
     if args.report.is_none() {
         atomic::check_below(&report, &[])?;
+        atomic::check_ours(&report, None)?;
     }
     [&report].into_iter().chain(&args.events).for_each(|path| atomic::named(path));
     let folders = roots(&args.file, &args.root);

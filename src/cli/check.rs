@@ -94,7 +94,8 @@ pub fn run(args: &CheckArgs, verbosity: Verbosity) -> Result<Verdict> {
         let stem = &stem[..stem.floor_char_boundary(240)];
         let new = folder.join(format!("{:04}-{stem}.exr", i + 1));
         paths.writes("the new picture", &new)?;
-        // What an earlier check has left is of another program, perhaps.
+        // What an earlier check has left is of another build, perhaps.
+        atomic::check(&new)?;
         let _ = fs::remove_file(&new);
         let job = job(&golden, &new, args);
         let (scene, outcome) = match &job {
@@ -261,6 +262,7 @@ fn render(args: &CheckArgs, jobs: Vec<Job>, verbosity: Verbosity) -> Result<Hash
     let order = jobs.iter().map(|job| job.name.clone()).collect();
     let (jobs, _) = plan(None, jobs)?;
     let report = args.out.join("renders.json");
+    atomic::check(&report)?;
     let _ = fs::remove_file(&report);
     let work = Work {
         file: "golden pictures".into(),

@@ -93,6 +93,7 @@ impl ManArgs {
         let folder = &self.folder;
         std::fs::create_dir_all(folder)
             .map_err(|e| Error::CannotCreate(format!("{}: cannot create: {e}", folder.display())))?;
+        atomic::confine(std::slice::from_ref(folder));
         let mut program = program.disable_help_subcommand(true);
         program.build();
         let pages = write_pages(&program, folder)?;

@@ -1,6 +1,7 @@
 //! Shared parts of the command-line programs: start-up, output, logging, progress, signals, and queries of the host.
 
 pub mod args;
+mod caller;
 pub mod child;
 pub mod help;
 pub mod host;
@@ -53,6 +54,7 @@ pub enum Verdict {
 pub fn run<Cli: Parser>(verbosity: impl Fn(&Cli) -> Verbosity, work: impl FnOnce(&Cli) -> Result<Verdict>) -> ExitCode {
     panics::install_hook();
     atomic::begin_command();
+    caller::end_with_caller();
     // Beyond a file's largest size (ulimit -f) a write then fails as on a full disk, and leaves nothing.
     let _ = signal_hook::flag::register(SIGXFSZ, Arc::default());
     if let Err(error) = host::check_isa().and_then(|()| memory::exit_when_exhausted()) {

@@ -1,4 +1,4 @@
-//! SIGINT, SIGTERM, SIGHUP and SIGUSR1: the first signal saves and ends the program, the second ends it at once.
+//! Signals that would end the program: the first saves and ends it, one more after half a second ends it at once.
 
 use std::fs;
 use std::io::{self, ErrorKind, Read};
@@ -7,9 +7,10 @@ use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 use std::thread;
 use std::time::Duration;
 
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGUSR1};
+use signal_hook::consts::{SIGALRM, SIGHUP, SIGINT, SIGPROF, SIGQUIT, SIGTERM, SIGUSR1, SIGUSR2, SIGVTALRM, SIGXCPU};
 use signal_hook::{flag, low_level};
 
+use super::caller::ORPHANED_EXIT_CODE;
 use super::{fail, screen};
 use crate::film::lock;
 use crate::{Error, Result};
@@ -17,7 +18,7 @@ use crate::{Error, Result};
 /// The signals of the process.
 #[derive(Clone)]
 pub struct Signals {
-    /// Raised by the first signal. The second has the default action of the system.
+    /// Raised by the first signal. One more has the default action of the system, [`MOMENT`] later.
     pub stop: Arc<AtomicBool>,
     phase: Arc<AtomicU8>,
 }
@@ -26,8 +27,12 @@ const LOADING: u8 = 0;
 const WORKING: u8 = 1;
 const ENDING: u8 = 2;
 
-/// Exit code of a child whose parent has ended, the same as after a signal.
-const ORPHANED_EXIT_CODE: i32 = 75;
+/// All signals that ask for the end of a process. Others that end it tell of its own faults.
+pub const HEARD: [i32; 10] = [SIGINT, SIGTERM, SIGHUP, SIGUSR1, SIGXCPU, SIGQUIT, SIGUSR2, SIGALRM, SIGVTALRM, SIGPROF];
+
+/// Signals within this time are one: `timeout` and schedulers send one to the process and to its group, a terminal and `npx` one
+/// each.
+const MOMENT: Duration = Duration::from_millis(500);
 
 impl Signals {
     /// Registers handlers of the signals.
@@ -35,13 +40,25 @@ impl Signals {
     /// # Errors
     /// [`Error::Host`] if the system refuses.
     pub fn listen() -> Result<Self> {
-        let signals = Self::silent();
+        let (signals, ends_at_once) = (Self::silent(), Arc::new(AtomicBool::new(false)));
         for signal in handled() {
-            // In this order: the first signal finds the flag still down and raises it.
-            flag::register_conditional_default(signal, Arc::clone(&signals.stop))
+            // The system sends SIGXCPU in every further second.
+            let by_default = (signal != SIGXCPU).then_some(&ends_at_once);
+            let by_default = by_default.map(|flag| flag::register_conditional_default(signal, Arc::clone(flag)));
+            by_default
+                .transpose()
                 .and_then(|_| flag::register(signal, Arc::clone(&signals.stop)))
                 .map_err(|e| Error::Host(format!("cannot listen to signal {signal}: {e}")))?;
         }
+        let stop = Arc::clone(&signals.stop);
+        let watch = move || {
+            while !stop.load(Ordering::SeqCst) {
+                thread::sleep(MOMENT / 20);
+            }
+            thread::sleep(MOMENT);
+            ends_at_once.store(true, Ordering::SeqCst);
+        };
+        thread::Builder::new().spawn(watch).map_err(|e| Error::Host(format!("cannot start a thread: {e}")))?;
         Ok(signals)
     }
 
@@ -53,8 +70,9 @@ impl Signals {
     pub fn from_parent() -> Result<Self> {
         let signals = Self::silent();
         for signal in handled() {
-            flag::register(signal, Arc::default())
-                .map_err(|e| Error::Host(format!("cannot listen to signal {signal}: {e}")))?;
+            // The parent's CPU time is another.
+            let heard = if signal == SIGXCPU { Arc::clone(&signals.stop) } else { Arc::default() };
+            flag::register(signal, heard).map_err(|e| Error::Host(format!("cannot listen to signal {signal}: {e}")))?;
         }
         let stop = Arc::clone(&signals.stop);
         let listener = thread::Builder::new().spawn(move || {
@@ -112,11 +130,11 @@ impl Signals {
     }
 }
 
-/// The handled signals: without SIGHUP if `nohup` ignores it.
+/// The handled signals: without those that whoever started the program ignores, as `nohup` does SIGHUP.
 fn handled() -> impl Iterator<Item = i32> {
     let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
     let ignored = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
     let ignored = ignored.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).unwrap_or(0);
-    let is_heard = move |signal: &i32| *signal != SIGHUP || ignored >> (SIGHUP - 1) & 1 == 0;
-    [SIGINT, SIGTERM, SIGHUP, SIGUSR1].into_iter().filter(is_heard)
+    // A shell ignores SIGINT for what it runs in the background, where it still means the end.
+    HEARD.into_iter().filter(move |signal| *signal == SIGINT || ignored >> (signal - 1) & 1 == 0)
 }

@@ -7,9 +7,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::Duration;
 
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGUSR1};
+use rustix::process::{Signal, set_parent_process_death_signal};
 
 use crate::console::child::this_program;
+use crate::console::signals::HEARD;
 use crate::film::denoise::{Denoiser, NoisyPicture};
 use crate::{Error, Result};
 
@@ -19,6 +20,8 @@ use crate::{Error, Result};
 /// # Errors
 /// Those of the denoiser, and of standard input and output.
 pub fn work(width: usize, height: usize) -> Result<()> {
+    // Nobody else wants what it makes.
+    let _ = set_parent_process_death_signal(Some(Signal::KILL));
     let pixels = width.checked_mul(height).ok_or_else(|| Error::Usage("too many pixels".into()))?;
     let failed = |e: io::Error| Error::Io(format!("a pipe of `bismar render`: {e}"));
     let mut picture = NoisyPicture { width, ..Default::default() };
@@ -79,8 +82,7 @@ pub fn denoised_elsewhere(picture: &NoisyPicture, stop: &AtomicBool) -> Result<V
         });
         let status = wait(&mut child, stop).map_err(|e| cannot("wait for", e))?;
         let (result, said) = (result.join(), said.join().unwrap_or_default());
-        let interrupting = [SIGHUP, SIGINT, SIGTERM, SIGUSR1];
-        if stop.load(Ordering::SeqCst) || status.signal().is_some_and(|signal| interrupting.contains(&signal)) {
+        if stop.load(Ordering::SeqCst) || status.signal().is_some_and(|signal| HEARD.contains(&signal)) {
             return Err(Error::Interrupted("interrupted while denoising".into()));
         }
         match result {

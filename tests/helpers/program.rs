@@ -4,8 +4,10 @@ use std::fs;
 use std::io::{BufRead, BufReader, Read};
 use std::ops::Deref;
 use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStderr, Command, Output, Stdio};
+use std::process::{Child, ChildStderr, Command, ExitStatus, Output, Stdio};
 use std::result::Result;
+use std::thread;
+use std::time::Duration;
 
 use exr::prelude::*;
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
@@ -76,10 +78,10 @@ pub fn bismar(folder: &Path) -> Command {
     command
 }
 
-/// Sends a signal, as in `-TERM`. By the shell's own `kill`: small systems have no other.
+/// Sends signals, as in `-TERM` or `-HUP -TERM`. By the shell's own `kill`: small systems have no other.
 #[track_caller]
-pub fn signal(child: &Child, signal: &str) {
-    let kill = format!("kill {signal} {}", child.id());
+pub fn signal(child: &Child, signals: &str) {
+    let kill: String = signals.split(' ').map(|signal| format!("kill {signal} {};", child.id())).collect();
     assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
 }
 
@@ -150,12 +152,25 @@ impl Running {
         assert_ne!(self.stderr.read_line(&mut self.said).unwrap(), 0, "it ended by itself:\n{}", self.said);
     }
 
-    /// Sends a signal, as in `-TERM`, and waits for the end: the exit code, and all that was said.
+    /// Sends signals as [`signal`] does, and waits for the end: the exit code, and all that was said.
     #[track_caller]
     pub fn end(mut self, by: &str) -> (Option<i32>, String) {
         signal(&self.child, by);
         self.stderr.read_to_string(&mut self.said).unwrap();
         (self.child.wait().unwrap().code(), self.said)
+    }
+
+    /// Sends a signal, and as soon as it `has` done something because of it again and again, until it ends.
+    pub fn end_by_many(mut self, by: &str, has: impl Fn() -> bool) -> ExitStatus {
+        signal(&self.child, by);
+        loop {
+            match self.child.try_wait().unwrap() {
+                Some(status) => return status,
+                None if has() => signal(&self.child, by),
+                None => {}
+            }
+            thread::sleep(Duration::from_millis(20));
+        }
     }
 }
 

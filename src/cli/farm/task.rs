@@ -9,10 +9,11 @@ use std::process::{Command, ExitStatus};
 use std::time::Instant;
 
 use clap::Args;
-use signal_hook::consts::{SIGHUP, SIGINT, SIGKILL, SIGTERM, SIGUSR1};
+use signal_hook::consts::SIGKILL;
 
 use super::site::capture;
 use crate::console::child::{lead, this_program};
+use crate::console::signals::HEARD;
 use crate::console::{Signals, Verdict};
 use crate::farm::Plan;
 use crate::farm::array::array_task;
@@ -184,7 +185,7 @@ fn exit_code(status: ExitStatus) -> Result<u8> {
     match (status.code(), status.signal()) {
         (Some(code), _) => Ok(code as u8),
         // The signal came before the process had its handlers.
-        (None, Some(SIGINT | SIGTERM | SIGHUP | SIGUSR1)) => Ok(INTERRUPTED),
+        (None, Some(signal)) if HEARD.contains(&signal) => Ok(INTERRUPTED),
         (None, signal) => Err(Error::Bug(format!("ended by signal {}", signal.unwrap_or_default()))),
     }
 }

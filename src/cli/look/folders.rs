@@ -5,13 +5,14 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::args::LookArgs;
 use super::direction::Direction;
 use super::looked::{Looked, SCHEMA};
 use super::pair::Pair;
 use super::sheet::Sheet;
+use super::shots::Subject;
 use crate::cli::flag_values::has_ending;
 use crate::console::{Paths, Verdict};
 use crate::scene::import::SceneFiles;
@@ -39,8 +40,19 @@ pub fn look(args: &LookArgs, folders: [&Path; 2], paths: &mut Paths, stop: &Atom
     let views = if args.views.is_empty() { &[Direction::ThreeQuarters] } else { &args.views[..] };
     let (mut changed, mut unchanged, mut failed) = (Vec::new(), Vec::new(), Vec::new());
     let (mut cells, mut lines, mut codes) = (Vec::new(), Vec::new(), Vec::new());
-    let names = |names: Vec<&PathBuf>| names.iter().map(|name| name.display().to_string()).collect::<Vec<_>>();
-    let [added, removed] = [new.difference(&old), old.difference(&new)].map(|alone| names(alone.collect()));
+    let mut added = Vec::new();
+    for name in new.difference(&old) {
+        // What cannot be shown is no new scene.
+        match Subject::open(args, &folders[1].join(name), paths) {
+            Ok(_) => added.push(name.display().to_string()),
+            Err(error) => {
+                lines.push(error.to_string());
+                codes.push(error.exit_code());
+                failed.push(failure(&name.display().to_string(), &error));
+            }
+        }
+    }
+    let removed: Vec<String> = old.difference(&new).map(|name| name.display().to_string()).collect();
     for (what, names) in [("added", &added), ("removed", &removed)] {
         lines.extend(names.iter().map(|name| format!("{name}: {what}")));
     }
@@ -71,7 +83,7 @@ pub fn look(args: &LookArgs, folders: [&Path; 2], paths: &mut Paths, stop: &Atom
             Err(error) => {
                 lines.push(error.to_string());
                 codes.push(error.exit_code());
-                failed.push(json!({ "name": name, "error": error.to_string(), "exit_code": error.exit_code() }));
+                failed.push(failure(&name, &error));
             }
         }
     }
@@ -100,6 +112,10 @@ pub fn look(args: &LookArgs, folders: [&Path; 2], paths: &mut Paths, stop: &Atom
         "within": codes.is_empty(),
     });
     Ok(Looked { sheet, shots: Vec::new(), report, lines, verdict, page: None })
+}
+
+fn failure(name: &str, error: &Error) -> Value {
+    json!({ "name": name, "error": error.to_string(), "exit_code": error.exit_code() })
 }
 
 /// The scenes below a folder, relative to it. Links to folders are not followed.

@@ -40,8 +40,8 @@ use crate::{Error, Result};
 /// Render a glTF scene to OpenEXR.
 ///
 /// The render stops when the first of --spp, --time and --noise is reached; without any of them it takes 64 paths per
-/// pixel. SIGINT, SIGTERM, SIGHUP and SIGUSR1 stop it early and save the picture so far (exit code 75; --resume continues
-/// from it); a second signal ends the process at once.
+/// pixel. SIGINT, SIGTERM, SIGHUP, SIGUSR1, SIGXCPU and the like stop it early and save the picture so far (exit code 75;
+/// --resume continues from it); one more signal after half a second ends the process at once.
 #[derive(Debug, Clone, Args)]
 #[command(allow_negative_numbers = true)]
 pub struct RenderArgs {

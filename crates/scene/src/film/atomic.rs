@@ -2,7 +2,7 @@
 
 use std::ffi::OsStr;
 use std::fs::{self, File};
-use std::io::{self, BufWriter};
+use std::io::{self, BufWriter, Read, Seek, SeekFrom};
 use std::os::unix::ffi::OsStrExt;
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
@@ -13,8 +13,8 @@ pub use super::destination::{
     OF_A_PLAN, begin_command, check_below, check_folder, command, confine, create_folder, folder_of, named,
     open_guessable, place_of,
 };
-use super::destination::{SUFFIX, cannot_create, is_confined, may_replace, target_of, temporary_prefix};
-use super::lock;
+use super::destination::{SUFFIX, cannot_create, is_confined, target_of, temporary_prefix};
+use super::{lock, mark};
 use crate::{Error, Result};
 
 /// The result of writing content: the outer error is the system's, the inner one our own.
@@ -25,7 +25,32 @@ type Writing = io::Result<Result<()>>;
 /// # Errors
 /// [`Error::CannotCreate`] or [`Error::Permission`], with the path.
 pub fn check(path: &Path) -> Result<()> {
-    target_of(path)?.map_or(Ok(()), |target| temporary_file(&target).map(drop))
+    let Some(target) = target_of(path)? else { return Ok(()) };
+    if is_confined(path) {
+        check_ours(&target, None)?;
+    }
+    temporary_file(&target).map(drop)
+}
+
+/// Checks that nothing is at `path`, or a file that this program has written and nobody has changed. Tables (.csv) have no place for a
+/// mark: they count as ours if they begin with the line of `new`, which takes their place.
+///
+/// # Errors
+/// [`Error::CannotCreate`].
+pub fn check_ours(path: &Path, new: Option<&File>) -> Result<()> {
+    let line = |mut file: &File| {
+        let mut bytes = Vec::new();
+        let _ = file.seek(SeekFrom::Start(0)).and_then(|_| file.take(1 << 16).read_to_end(&mut bytes));
+        bytes.split(|b| *b == b'\n').next().map(<[u8]>::to_vec)
+    };
+    let is_table = path.extension().is_some_and(|end| end == "csv");
+    let same_table = || new.is_none_or(|new| File::open(path).is_ok_and(|old| line(&old) == line(new)));
+    if fs::symlink_metadata(path).is_err() || mark::is_ours(path) || is_table && same_table() {
+        return Ok(());
+    }
+    let why = "there is a file that bismar has not written, or that was changed since; remove it, or name the output on the \
+               command line";
+    Err(Error::CannotCreate(format!("{}: not written: {why}", path.display())))
 }
 
 /// Removes the temporary files of `path` that killed processes have left in its folder. Files that are being written are
@@ -33,8 +58,10 @@ pub fn check(path: &Path) -> Result<()> {
 pub fn sweep(path: &Path) {
     let Ok(Some(target)) = target_of(path) else { return };
     let prefix = temporary_prefix(&target);
-    let left =
-        |name: &OsStr| name.as_bytes().starts_with(prefix.as_bytes()) && name.as_bytes().ends_with(SUFFIX.as_bytes());
+    let left = |name: &OsStr| {
+        let own = name.as_bytes().strip_prefix(prefix.as_bytes()).and_then(|rest| rest.strip_suffix(SUFFIX.as_bytes()));
+        own.is_some_and(|own| own == b"lock" || own.len() == 6 && own.iter().all(u8::is_ascii_alphanumeric))
+    };
     let files = fs::read_dir(folder_of(&target)).into_iter().flatten().flatten().filter(|f| left(&f.file_name()));
     for file in files {
         if open_guessable(File::options().read(true), &file.path()).is_ok_and(|f| f.try_lock().is_ok()) {
@@ -61,13 +88,13 @@ pub fn write(path: &Path, content: impl FnOnce(&mut BufWriter<&File>) -> Writing
     // The lock keeps `sweep` away. A file system without locks is not swept either.
     let _ = temporary.as_file().try_lock();
     fill(temporary.as_file(), content).map_err(failed)??;
+    mark::add(temporary.as_file()).map_err(failed)?;
     if let Some(old) = fs::symlink_metadata(&target).ok().filter(fs::Metadata::is_file) {
         // If that fails, the file keeps the permissions of the umask.
         let _ = temporary.as_file().set_permissions(old.permissions());
     }
-    if is_confined(path) && !may_replace(&target, temporary.as_file()) {
-        let why = "there is a file that bismar has not written; remove it, or name the output on the command line";
-        return Err(Error::CannotCreate(format!("{}: not written: {why}", path.display())));
+    if is_confined(path) {
+        check_ours(&target, Some(temporary.as_file()))?;
     }
     temporary.as_file().sync_all().map_err(failed)?;
     let file = temporary.persist(&target).map_err(|e| failed(e.error))?;

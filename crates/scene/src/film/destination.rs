@@ -4,7 +4,7 @@ use std::cell::RefCell;
 use std::collections::HashSet;
 use std::ffi::OsString;
 use std::fs::{self, File, OpenOptions};
-use std::io::{self, ErrorKind, Read, Seek, SeekFrom};
+use std::io::{self, ErrorKind};
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -179,30 +179,6 @@ fn place_behind(path: &Path, links: u32) -> PathBuf {
         None => drop(place.pop()),
     }
     place
-}
-
-/// May `new` replace the file `old`, which the command line does not name? Only a file of this program: one that says so, or whose
-/// first line is the same, as that of tables. JPEG and WebP files cannot say so.
-pub(super) fn may_replace(old: &Path, new: &File) -> bool {
-    let Ok(mut old) = File::open(old) else { return true };
-    const MOST: u64 = 1 << 16;
-    let beginning = |mut file: &File| {
-        let mut bytes = Vec::new();
-        let _ = file.seek(SeekFrom::Start(0)).and_then(|_| file.take(MOST).read_to_end(&mut bytes));
-        bytes
-    };
-    let (before, after) = (beginning(&old), beginning(new));
-    let mut end = Vec::new();
-    let length = old.metadata().map_or(0, |meta| meta.len());
-    let _ = old.seek(SeekFrom::Start(length.saturating_sub(MOST))).and_then(|_| old.read_to_end(&mut end));
-    let contains = |bytes: &[u8], word: &[u8]| bytes.windows(word.len()).any(|part| part == word);
-    let says = [&before, &end].iter().any(|bytes| contains(bytes, b"bismar"));
-    let is_report = before.starts_with(b"{") && contains(&before, b"\"schema\":");
-    let line = |bytes: &[u8]| bytes.split(|b| *b == b'\n').next().unwrap_or_default().to_vec();
-    let same_table = line(&before).len() >= 16 && line(&before) == line(&after);
-    let magic = |bytes: &[u8]| bytes.starts_with(&[0xFF, 0xD8, 0xFF]) || bytes.starts_with(b"RIFF");
-    let same_kind = before.first() == after.first();
-    before.is_empty() || same_kind && (says || is_report || same_table || magic(&before))
 }
 
 /// The regular file that an output path stands for, which may not exist yet. Symbolic links are followed, so that they

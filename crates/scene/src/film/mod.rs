@@ -12,6 +12,7 @@ pub mod flip;
 mod header;
 pub mod lock;
 pub mod lut;
+mod mark;
 pub mod npy;
 mod open;
 pub mod picture;

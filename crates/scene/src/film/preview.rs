@@ -150,10 +150,7 @@ fn write_bytes(path: &Path, size: [u32; 2], bytes: &[u8], kind: ColorType, mark:
     atomic::write(path, |file| {
         match ending.to_str() {
             Some("jpg" | "jpeg") => encode_jpeg(file, size, bytes, kind)?,
-            Some("webp") => {
-                let kind = if kind == ColorType::Rgba { ExtendedColorType::Rgba8 } else { ExtendedColorType::Rgb8 };
-                WebPEncoder::new_lossless(file).write_image(bytes, size[0], size[1], kind).map_err(io::Error::other)?;
-            }
+            Some("webp") => encode_webp(file, size, bytes, kind)?,
             _ => encode(file, size, bytes, (kind, BitDepth::Eight), mark)?,
         }
         Ok(Ok(()))
@@ -174,6 +171,21 @@ fn encode_jpeg(file: impl io::Write, [width, height]: [u32; 2], bytes: &[u8], ki
     };
     let encoder = JpegEncoder::new_with_quality(file, JPEG_QUALITY);
     encoder.write_image(opaque, width, height, ExtendedColorType::Rgb8).map_err(io::Error::other)
+}
+
+fn encode_webp(file: &mut impl io::Write, [width, height]: [u32; 2], bytes: &[u8], kind: ColorType) -> io::Result<()> {
+    let (own, flags) =
+        if kind == ColorType::Rgba { (ExtendedColorType::Rgba8, 0x10) } else { (ExtendedColorType::Rgb8, 0) };
+    let mut plain = Vec::new();
+    WebPEncoder::new_lossless(&mut plain).write_image(bytes, width, height, own).map_err(io::Error::other)?;
+    // Only the extended format may have chunks besides the picture: the mark.
+    let sides = [width, height].map(|side| (side - 1).to_le_bytes());
+    file.write_all(b"RIFF")?;
+    file.write_all(&(plain.len() as u32 - 8 + 18).to_le_bytes())?;
+    file.write_all(b"WEBPVP8X\x0a\0\0\0")?;
+    file.write_all(&[flags, 0, 0, 0])?;
+    sides.iter().try_for_each(|side| file.write_all(&side[..3]))?;
+    file.write_all(&plain[12..])
 }
 
 fn encode(

@@ -78,7 +78,8 @@ pub fn write_rgb(path: &Path, window: [i64; 4], display: [i64; 4], rgb: &[[f32; 
     let size = bounds(window).size;
     let channel = |(c, name)| AnyChannel::new(text(name), Samples::Float(Box::new(move |x, y| rgb[y * size.0 + x][c])));
     let channels = ["R", "G", "B"].into_iter().enumerate().map(channel);
-    let own = LayerAttributes { layer_position: bounds(window).position, ..Default::default() };
+    let mut own = LayerAttributes { layer_position: bounds(window).position, ..Default::default() };
+    own.other.insert(text(CHECKSUM), AttributeValue::Text(text(checksum::PLACEHOLDER)));
     let layer = Layer::new(size, own, ENCODING, AnyChannels::sort(channels.collect()));
     save(path, &Image::new(ImageAttributes::new(bounds(display)), layer), &[])
 }
