@@ -234,8 +234,11 @@ fn lights_in_watts_are_told_by_the_picture() {
     lit(683.0);
     assert!(said("").contains("--light-unit watt"));
     assert!(!said("--light-unit watt").contains("luminance"));
-    lit(1.0);
-    assert!(!said("").contains("luminance"));
+    // Neither dim light nor the sun's is in watts.
+    for lux in [1.0, 1e5] {
+        lit(lux);
+        assert!(!said("").contains("luminance"), "{lux}");
+    }
 }
 
 #[test]
