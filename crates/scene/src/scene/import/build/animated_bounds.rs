@@ -186,10 +186,10 @@ impl Played {
             let joints = skin.map_or_else(|| vec![node], |skin| skin.joints.clone());
             vertices.retain(|v| v.joints.iter().all(|(joint, _)| *joint < joints.len()));
             let of_mesh = document.meshes.get(mesh).map(|mesh| &mesh.weights[..]).unwrap_or_default();
-            let (base, rest) = match &content.weights {
-                Some(own) => (format!("/nodes/{node}/weights"), &own[..]),
-                None => (format!("/meshes/{mesh}/weights"), of_mesh),
-            };
+            let rest = content.weights.as_deref().unwrap_or(of_mesh);
+            let own = format!("/nodes/{node}/weights");
+            let is_own = content.weights.is_some() || self.tracks.keys().any(|pointer| pointer.starts_with(&own));
+            let base = if is_own { own } else { format!("/meshes/{mesh}/weights") };
             let one = |(i, rest): (usize, &f32)| (f64::from(*rest), self.tracks.get(&format!("{base}/{i}")));
             let weights: Vec<_> = rest.iter().enumerate().map(one).collect();
             let bind = |(joint, node): (usize, usize)| (node, binds.get(joint).copied().unwrap_or(DMat4::IDENTITY));
