@@ -368,7 +368,7 @@ fn films_brushes_and_prisms_are_as_the_file_says() {
     assert_eq!(m.dispersion, 0.36);
     // The triangle has nothing along which a brush could have gone.
     assert!(notes.len() == 1 && notes[0].contains("highlights are isotropic"), "{notes:?}");
-    assert_eq!(m.tangent_set(), Some(0));
+    assert_eq!(m.tangent_sets(), [Some(0), None]);
     // Out of range: clamped.
     let (m, _) = material(
         r#"{"extensions":{"KHR_materials_anisotropy":{"anisotropyStrength":7},

@@ -307,3 +307,45 @@ fn a_normal_map_turns_with_its_coordinates() {
         is_right(4.0, transform, (Vec3::X * 4.0 * inverse.x_axis.x + Vec3::NEG_Y * inverse.x_axis.y).normalize());
     }
 }
+
+#[test]
+fn tangents_follow_the_coordinates_of_each_normal_map() {
+    use bismar::integrator::Geometry;
+
+    // u of the first set runs along x, of the second along y; v against the other axis.
+    let sets = vec![0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0];
+    let tangents = [0.6, 0.8, 0.0, 1.0].repeat(3);
+    let extra = [[0.0, 0.0, 1.0].repeat(3), sets, tangents].concat();
+    let accessors = accessor(36, 5126, 3, "VEC3", false)
+        + &accessor(72, 5126, 3, "VEC2", false)
+        + &accessor(96, 5126, 3, "VEC2", false)
+        + &accessor(120, 5126, 3, "VEC4", false);
+    let tilted = data_uri("image/png", &bismar::film::preview::encoded(1, 1, &[204, 128, 230]).unwrap());
+    let of = |own: &str, coat: Option<u32>, attributes: &str| {
+        let primitive = format!(
+            r#"{{"material":0,"attributes":{{"POSITION":0,"NORMAL":1,"TEXCOORD_0":2,"TEXCOORD_1":3{attributes}}}}}"#
+        );
+        let mut parts = with(floats(&extra), &accessors, &primitive);
+        let coat =
+            coat.map(|set| format!(r#","clearcoatNormalTexture":{{"index":0,"texCoord":{set}}}"#)).unwrap_or_default();
+        parts.more = format!(
+            r#","images":[{{"uri":"{tilted}"}}],"textures":[{{"source":0}}],"materials":[{{{own}"extensions":{{
+               "KHR_materials_clearcoat":{{"clearcoatFactor":1{coat}}}}}}}]"#
+        );
+        let scene = parts.import().unwrap().scene;
+        let point = Geometry::new(&scene).point(&scene, Primitive { instance: 0, mesh: 0, prim: 0 }, (0.3, 0.3), 0.0);
+        let slope = |n: Vec3| n.truncate().normalize_or_zero().to_array().map(|x| (10.0 * x).round() / 10.0);
+        [slope(point.ns), slope(point.surface_from(&scene, Vec3::NEG_Z).clearcoat_normal)]
+    };
+    let normal = |set: u32| format!(r#""normalTexture":{{"index":0,"texCoord":{set}}},"#);
+    let (x, y, file, flat) = ([1.0, 0.0], [0.0, 1.0], [0.6, 0.8], [0.0; 2]);
+    assert_eq!(of(&normal(0), Some(1), ""), [x, y]);
+    assert_eq!(of(&normal(1), Some(0), ""), [y, x]);
+    assert_eq!(of(&normal(0), Some(0), ""), [x, x]);
+    assert_eq!(of(&normal(1), None, ""), [y, flat]);
+    assert_eq!(of("", Some(1), ""), [flat, y]);
+    // The file's tangents are those of the surface's own map.
+    assert_eq!(of(&normal(0), Some(1), r#","TANGENT":4"#), [file, y]);
+    assert_eq!(of(&normal(0), Some(0), r#","TANGENT":4"#), [file, file]);
+    assert_eq!(of("", Some(1), r#","TANGENT":4"#), [flat, file]);
+}

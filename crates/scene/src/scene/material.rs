@@ -273,11 +273,14 @@ impl Material {
         !self.unlit && (self.metallic < 1.0 || self.textures[TextureSlot::MetallicRoughness].is_some())
     }
 
-    /// The texture coordinate set that tangents follow, if the material needs tangents: a normal map's, else the anisotropy's.
-    pub fn tangent_set(&self) -> Option<u8> {
+    /// The texture coordinate set that the mesh's tangents follow, if the material needs tangents: the normal map's, else the
+    /// anisotropy's, else the clear coat's normal map's; and that of the latter where it is another one.
+    pub fn tangent_sets(&self) -> [Option<u8>; 2] {
         let set = |slot: TextureSlot| self.textures[slot].as_ref().map(|texture| texture.set);
-        let normals = set(TextureSlot::Normal).or(set(TextureSlot::ClearcoatNormal));
-        normals.or((self.anisotropy > 0.0).then(|| set(TextureSlot::Anisotropy).unwrap_or(0)))
+        let (normals, coat) = (set(TextureSlot::Normal), set(TextureSlot::ClearcoatNormal));
+        let brushed = || (self.anisotropy > 0.0).then(|| set(TextureSlot::Anisotropy).unwrap_or(0));
+        let own = normals.or_else(brushed).or(coat);
+        [own, coat.filter(|_| coat != own)]
     }
 
     /// Does refraction depend on wavelength?

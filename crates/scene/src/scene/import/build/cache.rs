@@ -43,8 +43,8 @@ pub struct CacheKey {
     lost: Option<[u64; 3]>,
 }
 
-/// Attributes that a material needs: the texture coordinate set that tangents follow, and whether each set is sampled.
-pub type AttributeNeeds = (Option<u8>, BTreeSet<u8>);
+/// Attributes that a material needs: the texture coordinate sets that tangents follow, and whether each set is sampled.
+pub type AttributeNeeds = ([Option<u8>; 2], BTreeSet<u8>);
 
 /// An object's meshes; in world space if it is placed once.
 #[derive(Debug)]
@@ -81,7 +81,7 @@ impl CacheKey {
 
 /// Attributes that a material needs.
 pub fn attribute_needs(material: &Material) -> AttributeNeeds {
-    (material.tangent_set(), material.textures.iter().map(|t| t.set).collect())
+    (material.tangent_sets(), material.textures.iter().map(|t| t.set).collect())
 }
 
 impl ImportCache {

@@ -25,7 +25,8 @@ pub struct Draft {
 impl Draft {
     /// Must tangents be generated?
     pub fn needs_tangents(&self) -> bool {
-        self.geometry.tangents_for.is_some() && self.geometry.mesh.tangents.is_none()
+        let [own, coat] = self.geometry.tangents_for;
+        coat.is_some() || own.is_some() && self.geometry.mesh.tangents.is_none()
     }
 
     /// A stand-in mesh with positions only.
@@ -37,9 +38,8 @@ impl Draft {
 
     /// The scene's mesh.
     pub fn finish(mut self) -> scene::Mesh {
-        if let Some(set) = self.geometry.tangents_for {
-            tangents::make(&mut self.geometry, set);
-        }
+        let sets = self.geometry.tangents_for;
+        tangents::make(&mut self.geometry, sets);
         let mut mesh = self.geometry.mesh;
         if let Some((world, adjacent_frames)) = self.world {
             bake(&mut mesh, &world, adjacent_frames);
@@ -76,7 +76,7 @@ pub fn read(
     let (normal, tangent) = (optional(Semantic::Normal), optional(Semantic::Tangent));
     g.mesh.normals = normal.map(|i| reader.floats::<3>(i)).transpose()?;
     // The specification ignores tangents without normals.
-    let tangent = tangent.filter(|_| material.tangent_set().is_some() && g.mesh.normals.is_some());
+    let tangent = tangent.filter(|_| material.tangent_sets()[0].is_some() && g.mesh.normals.is_some());
     g.mesh.tangents = tangent.map(|i| reader.floats::<4>(i)).transpose()?;
     if let Some(index) = optional(Semantic::Color(0)) {
         let colors = read_colors(reader, index, notes)?;
@@ -98,7 +98,7 @@ pub fn read(
                 }
             })
         } else {
-            let for_tangents = g.mesh.tangents.is_none() && material.tangent_set() == Some(set);
+            let for_tangents = g.mesh.tangents.is_none() && material.tangent_sets()[0] == Some(set);
             // The AOV `uv` shows TEXCOORD_0 of all surfaces with textures.
             let for_aov = set == 0 && material.textures.iter().next().is_some();
             index.filter(|_| for_tangents || for_aov).map(|i| reader.floats::<2>(i)).transpose()?
@@ -126,12 +126,11 @@ pub fn read(
     }
     g.compact();
     let sign = if g.repair_normals(&primitive.at, notes) { -1.0 } else { 1.0 };
-    g.tangents_for = material.tangent_set().filter(|&set| tangents::prepare(&mut g, set, &primitive.at, notes));
-    if g.source.is_some()
-        && let Some(set) = g.tangents_for.take()
-    {
+    g.tangents_for = tangents::prepare(&mut g, material.tangent_sets(), &primitive.at, notes);
+    if g.source.is_some() {
         // Tangent generation splits vertices; it must precede the other time samples, which use the same vertices.
-        tangents::make(&mut g, set);
+        let sets = std::mem::take(&mut g.tangents_for);
+        tangents::make(&mut g, sets);
     }
     if let Some(source) = g.source.take() {
         let pick = |values: &[[f32; 3]]| source.iter().map(|&i| values[i as usize]).collect::<Vec<_>>();
@@ -223,7 +222,7 @@ fn bake(mesh: &mut scene::Mesh, world: &DAffine3, adjacent_frames: Option<[DAffi
     for n in normals.into_iter().chain(mesh.normals.iter_mut().flatten()) {
         transform_frame(&world.matrix3, Some(n), None);
     }
-    for t in mesh.tangents.iter_mut().flatten() {
+    for t in [&mut mesh.tangents, &mut mesh.coat_tangents].into_iter().flatten().flatten() {
         transform_frame(&world.matrix3, None, Some(t));
     }
     if world.matrix3.determinant() < 0.0 {
