@@ -6,6 +6,7 @@ use std::f32::consts::FRAC_PI_2;
 use bismar::scene::import::{ImportOptions, NoteKind, Pose, SceneFiles, Shutter};
 use bismar::scene::{Framing, Primitive, Scene};
 use glam::Vec3;
+use serde_json::{Value, json};
 
 use crate::helpers::gltf_parts::{Parts, TRIANGLE, data_uri, floats, scene_file};
 use crate::import_content::{accessor, with};
@@ -305,6 +306,99 @@ fn a_normal_map_turns_with_its_coordinates() {
     for transform in [turn(0.5), turn(2.0) * scale(3.0, -1.0), turn(-1.0) * scale(0.5, 2.0)] {
         let inverse = transform.matrix2.inverse();
         is_right(4.0, transform, (Vec3::X * 4.0 * inverse.x_axis.x + Vec3::NEG_Y * inverse.x_axis.y).normalize());
+    }
+}
+
+/// Sets a member or an element, or adds it.
+fn set(document: &mut Value, pointer: &str, value: Value) {
+    let (parent, name) = pointer.rsplit_once('/').unwrap();
+    match document.pointer_mut(parent).unwrap() {
+        Value::Array(items) if items.len() <= name.parse().unwrap() => items.push(value),
+        Value::Array(items) => items[name.parse::<usize>().unwrap()] = value,
+        other => other[name] = value,
+    }
+}
+
+#[test]
+fn small_faults_that_leave_no_doubt_are_shown_and_noted() {
+    let up = floats(&[0.0, 0.0, 1.0].repeat(3));
+    let indices: Vec<u8> = [0u16, 1, 2].iter().flat_map(|i| i.to_le_bytes()).collect();
+    // The last normals begin at byte 78.
+    let parts = with([&up[..], &indices, &up].concat(), "", "{}");
+    let mut whole: Value = serde_json::from_str(&parts.json()).unwrap();
+    let view = |start: usize, length: usize| json!({ "buffer": 0, "byteOffset": start, "byteLength": length });
+    let views = json!([view(0, 36), view(36, 36), view(72, 6), view(78, 36)]);
+    let vectors = |view: u32| json!({ "bufferView": view, "componentType": 5126, "count": 3, "type": "VEC3" });
+    let of_none = json!({ "componentType": 5126, "count": 0, "type": "VEC3" });
+    let list = json!({ "bufferView": 2, "componentType": 5123, "count": 3, "type": "SCALAR" });
+    for (pointer, value) in [
+        ("/bufferViews", views),
+        ("/accessors", json!([vectors(0), vectors(1), list, of_none])),
+        (
+            "/meshes/0/primitives/0",
+            json!({ "attributes": { "POSITION": 0, "NORMAL": 1 }, "indices": 2, "material": 0 }),
+        ),
+        ("/nodes", json!([{ "mesh": 0, "camera": 0, "extensions": { "KHR_lights_punctual": { "light": 0 } } }, {}])),
+        (
+            "/cameras",
+            json!([{ "type": "orthographic", "orthographic": { "xmag": 1, "ymag": 1, "znear": 0, "zfar": 9 } }]),
+        ),
+        ("/materials", json!([{ "extensions": { "KHR_materials_volume": { "attenuationColor": [0.5, 0.5, 0.5] } } }])),
+        ("/extensions", json!({ "KHR_lights_punctual": { "lights": [{ "type": "spot", "spot": {} }] } })),
+    ] {
+        set(&mut whole, pointer, value);
+    }
+    let light = "/extensions/KHR_lights_punctual/lights/0";
+    let (range, spot) = (format!("{light}/range"), format!("{light}/spot"));
+    let none =
+        json!({ "count": 0, "indices": { "bufferView": 2, "componentType": 5123 }, "values": { "bufferView": 0 } });
+    let rounded = json!([1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0.9999999]);
+    for (pointer, value, said) in [
+        ("/bufferViews/0/byteStride", json!(0), "0 as none"),
+        ("/bufferViews/1/byteStride", json!(12), ""),
+        ("/bufferViews/2/byteStride", json!(2), "own size"),
+        ("/accessors/1/normalized", json!(true), "means nothing"),
+        ("/accessors/2/normalized", json!(true), "means nothing"),
+        ("/accessors/1/bufferView", json!(3), "not aligned"),
+        ("/accessors/1/sparse", none, "sparse"),
+        ("/accessors/0/min", json!([null, null, null]), ""),
+        ("/nodes/0/name", Value::Null, "null"),
+        ("/meshes/0/name", Value::Null, "null"),
+        ("/meshes/0/extensions", Value::Null, "null"),
+        ("/meshes/0/weights", json!([1]), "without morph targets"),
+        ("/meshes/0/weights", json!([]), ""),
+        ("/meshes/0/primitives/1", json!({ "attributes": {} }), "without vertices"),
+        ("/meshes/0/primitives/1", json!({ "attributes": { "POSITION": 3 }, "material": 0 }), "without vertices"),
+        ("/meshes/0/primitives/1", json!({ "attributes": { "POSITION": 0 }, "indices": 3 }), "without vertices"),
+        ("/meshes/1", json!({ "primitives": [] }), "without primitives"),
+        ("/asset/version", json!("2"), "\"2.0\""),
+        ("/nodes/0/matrix", rounded, "rounding"),
+        (&range, json!(1e39), "no limit"),
+        ("/cameras/0/orthographic/zfar", json!(1e300), "no limit"),
+        ("/materials/0/extensions/KHR_materials_volume/attenuationDistance", json!(3.5e38), "no limit"),
+        (&spot, Value::Null, "default cone"),
+        ("/extras", json!({ "name": null, "range": 1e39 }), ""),
+    ] {
+        let mut document = whole.clone();
+        set(&mut document, pointer, value);
+        if pointer == "/meshes/1" {
+            set(&mut document, "/nodes/0/children", json!([1]));
+            set(&mut document, "/nodes/1/mesh", json!(1));
+        }
+        let (_folder, path) = scene_file("s.gltf", document.to_string());
+        let options = ImportOptions { strict: true, ..Default::default() };
+        let imported =
+            SceneFiles::open(&path).unwrap().import(&options).unwrap_or_else(|error| panic!("{pointer}: {error}"));
+        let scene = &imported.scene;
+        assert_eq!(imported.report.counts.instanced_triangles, 1, "{pointer}");
+        assert_eq!(scene.meshes[0].normals.as_ref().unwrap()[..], [[0.0, 0.0, 1.0]; 3], "{pointer}");
+        assert_eq!(scene.meshes[0].positions.as_flattened(), TRIANGLE, "{pointer}");
+        let far = if pointer.ends_with("zfar") { f32::INFINITY } else { 9.0 };
+        assert_eq!((scene.cameras[0].clip, scene.lights[0].range), (Some([0.0, far]), f32::INFINITY), "{pointer}");
+        assert_eq!(scene.materials[0].absorption, Vec3::ZERO, "{pointer}");
+        let repaired: Vec<_> = imported.report.of_kind(NoteKind::Repaired).map(|note| note.text.as_str()).collect();
+        assert_eq!(said.is_empty(), repaired.is_empty(), "{pointer}: {repaired:?}");
+        assert!(said.is_empty() || repaired.iter().any(|text| text.contains(said)), "{pointer}: {repaired:?}");
     }
 }
 

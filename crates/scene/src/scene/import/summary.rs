@@ -28,6 +28,9 @@ pub struct CameraSummary {
     /// Far clipping plane, likewise.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub zfar: Option<f32>,
+    /// Why it cannot be used, if it is faulty; its projection is then a stand-in.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fault: Option<String>,
 }
 
 /// Summary of a punctual light.
@@ -211,6 +214,7 @@ fn camera(index: usize, camera: &crate::scene::Camera) -> CameraSummary {
         position,
         znear,
         zfar,
+        fault: camera.fault.as_deref().map(Into::into),
     }
 }
 

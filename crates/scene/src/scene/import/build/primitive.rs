@@ -10,6 +10,7 @@ use crate::error::Result;
 use crate::scene::import::complaint::bad;
 use crate::scene::import::document::accessors::Shape;
 use crate::scene::import::document::attributes::Semantic;
+use crate::scene::import::document::extensions::SPLATS;
 use crate::scene::import::document::primitives::Primitive;
 use crate::scene::import::report::Notes;
 use crate::scene::{self, Deformation, Material, Positions};
@@ -65,7 +66,11 @@ pub fn read(
         return Ok(None);
     };
     if primitive.mode < 4 {
-        notes.ignored(&primitive.at, "points and lines are not shown, only triangles");
+        let text = match primitive.extensions.iter().any(|name| name == SPLATS) {
+            true => format!("{} splats, not shown ({SPLATS})", reader.document.accessors.get(position)?.count),
+            false => "points and lines are not shown, only triangles".into(),
+        };
+        notes.ignored(&primitive.at, text);
         return Ok(None);
     }
     reader.check_stream(primitive)?;
@@ -167,24 +172,26 @@ fn read_colors(reader: &mut Reader, index: usize, notes: &mut Notes) -> Result<V
 
 /// Triangles of modes 4 to 6 (list, strip, fan), with every index below `vertices`.
 fn read_triangles(reader: &mut Reader, p: &Primitive, vertices: usize, notes: &mut Notes) -> Result<Vec<[u32; 3]>> {
-    let list: Vec<u32> = match p.indices {
+    let (list, restart): (Vec<u32>, _) = match p.indices {
         None => {
             reader.budget.take(&p.at, vertices as u64, 4)?;
-            (0..vertices as u32).collect()
+            ((0..vertices as u32).collect(), None)
         }
         Some(index) => {
             let accessor = reader.document.accessors.get(index)?;
             let restart = u32::MAX >> (32 - 8 * accessor.component.size());
             let list: Vec<u32> = reader.integers::<1>(index)?.into_iter().map(|[i]| i).collect();
-            if let Some(i) = list.iter().position(|&v| v as usize >= vertices || v == restart) {
+            let restarts = p.mode > 4 && reader.document.extensions.contains_key("EXT_mesh_primitive_restart");
+            let ends = restarts.then_some(restart);
+            if let Some(i) = list.iter().position(|&v| (v as usize >= vertices || v == restart) && Some(v) != ends) {
                 let found = format!("{} as number {i}", list[i]);
                 return Err(bad(&accessor.at, format!("vertex indices below {} (and not {restart})", vertices), found));
             }
-            list
+            (list, ends)
         }
     };
     let n = list.len();
-    let corner = |i: usize| list[i];
+    let parts = list.split(|i| Some(*i) == restart).map(|part| (part, 0..part.len().saturating_sub(2)));
     reader.budget.take(&p.at, n as u64, 12)?;
     if p.mode == 4 && !n.is_multiple_of(3) {
         notes.repaired(&p.at, "a number of indices that is no multiple of 3: the last ones are dropped");
@@ -192,8 +199,8 @@ fn read_triangles(reader: &mut Reader, p: &Primitive, vertices: usize, notes: &m
     Ok(match p.mode {
         4 => list.as_chunks::<3>().0.to_vec(),
         // The specification's formulas for strips and fans.
-        5 => (0..n.saturating_sub(2)).map(|i| [corner(i), corner(i + 1 + i % 2), corner(i + 2 - i % 2)]).collect(),
-        _ => (0..n.saturating_sub(2)).map(|i| [corner(i + 1), corner(i + 2), corner(0)]).collect(),
+        5 => parts.flat_map(|(v, all)| all.map(|i| [v[i], v[i + 1 + i % 2], v[i + 2 - i % 2]])).collect(),
+        _ => parts.flat_map(|(v, all)| all.map(|i| [v[i + 1], v[i + 2], v[0]])).collect(),
     })
 }
 
