@@ -1,5 +1,5 @@
 //! What exporters leave wrong or extreme, and what becomes of it: numbers that are not finite, scales of zero, turned texture
-//! coordinates, and one view for all frames of an animation.
+//! coordinates, small faults of the file, what nothing can see, and one view for all frames of an animation.
 
 use std::f32::consts::FRAC_PI_2;
 
@@ -400,6 +400,107 @@ fn small_faults_that_leave_no_doubt_are_shown_and_noted() {
         assert_eq!(said.is_empty(), repaired.is_empty(), "{pointer}: {repaired:?}");
         assert!(said.is_empty() || repaired.iter().any(|text| text.contains(said)), "{pointer}: {repaired:?}");
     }
+}
+
+/// A triangle, and one of this material that is 90 m away, with texture coordinates and vertex colours of alpha 0.
+fn beside(material: &str, attributes: &str) -> Parts {
+    let extra = [[0.0; 6].to_vec(), [1.0, 1.0, 1.0, 0.0].repeat(3)].concat();
+    let accessors = accessor(36, 5126, 3, "VEC2", false) + &accessor(60, 5126, 3, "VEC4", false);
+    let mut parts = with(floats(&extra), &accessors, r#"{"attributes":{"POSITION":0}}]},{"primitives":["#);
+    parts.primitive += &format!(r#"{{"material":0,"attributes":{{"POSITION":0{attributes}}}}}"#);
+    parts.nodes = r#"[{"mesh":0,"children":[1]},{"mesh":1,"translation":[0,-90,0]}]"#.into();
+    let clear = crate::helpers::glb::png(image::RgbaImage::from_pixel(2, 2, image::Rgba([9, 9, 9, 0])));
+    let uri = data_uri("image/png", &clear);
+    parts.more = format!(r#","images":[{{"uri":"{uri}"}}],"textures":[{{"source":0}}],"materials":[{material}]"#);
+    parts
+}
+
+#[test]
+fn what_nothing_can_see_does_not_widen_the_view() {
+    let of = |scene: &Scene| (scene.camera(0, 40, 30).to_world, scene.bounds(), scene.enclosing_sphere());
+    let plain = Parts::default().import().unwrap().scene;
+    let texture = r#""pbrMetallicRoughness":{"baseColorTexture":{"index":0}}"#;
+    let factor = |alpha: f32| format!(r#""pbrMetallicRoughness":{{"baseColorFactor":[1,1,1,{alpha}]}}"#);
+    let (set, colors) = (r#","TEXCOORD_0":1"#, r#","COLOR_0":2"#);
+    for (mode, values, attributes, seen) in [
+        ("BLEND", factor(0.0), "", false),
+        ("BLEND", factor(0.01), "", true),
+        ("MASK", factor(0.49), "", false),
+        ("MASK", factor(0.5), "", true),
+        ("OPAQUE", factor(0.0), "", true),
+        ("BLEND", factor(1.0), colors, false),
+        ("MASK", factor(1.0), colors, false),
+        ("OPAQUE", factor(1.0), colors, true),
+        ("BLEND", texture.into(), set, false),
+        ("MASK", texture.into(), set, false),
+        ("OPAQUE", texture.into(), set, true),
+    ] {
+        let parts = beside(&format!(r#"{{"alphaMode":"{mode}",{values}}}"#), attributes);
+        let scene = parts.import().unwrap().scene;
+        assert_eq!(of(&scene) == of(&plain), !seen, "{mode} {values} {attributes}: {:?}", scene.bounds());
+        assert!(seen || scene.lowest() == Some(0.0));
+    }
+    // Moved by an animation it does not widen the view either, and what fades does, in all frames.
+    for (target, shape, low) in [("\"path\":\"translation\",\"node\":1", "VEC3", 0.0), ("", "VEC4", -90.0)] {
+        // Times, then two keys of four numbers, or of three.
+        let keys = [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0];
+        let mut parts = beside(&format!(r#"{{"alphaMode":"BLEND",{}}}"#, factor(0.0)), "");
+        let start = parts.positions.len();
+        parts.positions.extend(floats(&keys));
+        parts.accessor += &accessor(start, 5126, 2, "SCALAR", false);
+        parts.accessor += &accessor(start + 8, 5126, 2, shape, false);
+        let pointer = "/materials/0/pbrMetallicRoughness/baseColorFactor";
+        let pointer = format!(r#""path":"pointer","extensions":{{"KHR_animation_pointer":{{"pointer":"{pointer}"}}}}"#);
+        let target = if target.is_empty() { &pointer } else { target };
+        parts.more += &format!(
+            r#","animations":[{{"samplers":[{{"input":3,"output":4}}],"channels":[{{"sampler":0,"target":{{{target}}}}}]}}]"#
+        );
+        let (_folder, path) = scene_file("s.gltf", parts.json());
+        for seconds in [0.0, 1.0] {
+            let pose = Pose { seconds, animation: None, shutter: None, frame: None };
+            let options = ImportOptions { pose: Some(pose), ..Default::default() };
+            let scene = SceneFiles::open(&path).unwrap().import(&options).unwrap().scene;
+            assert_eq!(scene.lowest(), Some(low), "{target} at {seconds}");
+        }
+    }
+}
+
+#[test]
+fn what_is_far_from_the_origin_is_moved_to_the_eye() {
+    let of = |[x, y, z]: [f64; 3], camera: bool| {
+        let camera =
+            if camera { format!(r#",{{"camera":0,"translation":[{x},{},{z}]}}"#, y + 2.0) } else { String::new() };
+        let more = r#","cameras":[{"type":"perspective","perspective":{"yfov":1,"znear":0.1}}]"#.into();
+        let nodes =
+            format!(r#"[{{"translation":[{x},{y},{z}],"children":[1]}},{{"mesh":0,"scale":[0.1,0.1,0.1]}}{camera}]"#);
+        let json = Parts { nodes, more, ..Default::default() }
+            .json()
+            .replace(r#""nodes":[0]"#, if camera.is_empty() { r#""nodes":[0]"# } else { r#""nodes":[0,2]"# });
+        let (_folder, path) = scene_file("s.gltf", json);
+        SceneFiles::open(&path).unwrap().import(&ImportOptions::default()).unwrap()
+    };
+    for camera in [true, false] {
+        let near = of([0.0; 3], camera).scene;
+        assert_eq!(near.origin, glam::DVec3::ZERO);
+        for place in [[5e5, 100.0, -4.5e6], [1.1e9, -2e9, 3e9], [-4e3, 0.25, 0.0]] {
+            let imported = of(place, camera);
+            let far = &imported.scene;
+            let [near_eye, far_eye] = [&near, far].map(|scene| scene.camera(0, 40, 30).to_world);
+            // Each corner as the camera sees it.
+            for (a, b) in near.meshes[0].positions.iter().zip(far.meshes[0].positions.iter()) {
+                let [a, b] =
+                    [(near_eye, a), (far_eye, b)].map(|(eye, p)| eye.inverse().transform_point3(Vec3::from(*p)));
+                assert!(a.abs_diff_eq(b, 1e-6), "{place:?}, {camera}: {a} and {b}");
+            }
+            let said = bismar::scene::import::summary(&imported).cameras[0].position;
+            let eye = glam::DVec3::from(place) + Vec3::from(near_eye.translation).as_dvec3();
+            assert!(Vec3::from(said).as_dvec3().abs_diff_eq(eye, 1e-6 * eye.length()), "{said:?} for {eye}");
+        }
+    }
+    // What is seen from afar stays: its coordinates are small.
+    let more = r#","cameras":[{"type":"orthographic","orthographic":{"xmag":1,"ymag":1,"znear":0,"zfar":1e9}}]"#.into();
+    let nodes = r#"[{"children":[1]},{"mesh":0,"children":[2]},{"camera":0,"translation":[0,0,1e6]}]"#.into();
+    assert_eq!(Parts { nodes, more, ..Default::default() }.import().unwrap().scene.origin, glam::DVec3::ZERO);
 }
 
 #[test]

@@ -267,6 +267,16 @@ impl Material {
         self.emissive.max_element() > 0.0 && !self.unlit
     }
 
+    /// Can there be a surface where texture and vertex colour have this alpha?
+    #[inline]
+    pub fn shows(&self, alpha: f32) -> bool {
+        match self.alpha_mode {
+            AlphaMode::Opaque => true,
+            AlphaMode::Mask(cutoff) => self.base_color.w * alpha >= cutoff,
+            AlphaMode::Blend => self.base_color.w * alpha > 0.0,
+        }
+    }
+
     /// Can a part of the surface be dielectric? Values of textures are not considered.
     #[inline]
     pub fn has_dielectric(&self) -> bool {

@@ -59,6 +59,9 @@ pub struct Scene {
     pub cameras: Vec<Camera>,
     /// Light from infinity; `None` for black.
     pub environment: Option<Environment>,
+    /// Where the coordinates of this scene begin, in those of the file, metres. The importer moves scenes that are far from the
+    /// file's origin to their eye, as 32 bits would round their coordinates.
+    pub origin: DVec3,
     /// What surfaces reach over a played animation, by which all its frames are framed; `None` where none is played.
     pub reach: Option<Arc<AnimatedBounds>>,
 }
@@ -189,7 +192,7 @@ impl Scene {
         dark
     }
 
-    /// Radius in metres of a sphere that contains every placed mesh; 0 for an empty scene.
+    /// Radius in metres of a sphere that contains every placed mesh that can be seen; 0 for an empty scene.
     pub fn radius(&self) -> f32 {
         self.bounds().map_or(0.0, |[low, high]| 0.5 * (high - low).length())
     }
@@ -240,23 +243,27 @@ impl Scene {
 
     /// World-space vertices of all placed meshes.
     fn points(&self) -> impl Iterator<Item = DVec3> {
-        self.instances.iter().flat_map(|instance| {
+        let seen: Vec<bool> = (0..self.meshes.len() as u32).map(|mesh| self.is_seen(mesh)).collect();
+        self.instances.iter().flat_map(move |instance| {
             let transform = instance.transform;
             let placed = move |p: [f32; 3]| {
                 let p = Vec3::from_array(p);
                 transform.map_or(p, |t| t.transform_point3(p)).as_dvec3()
             };
             let meshes = self.objects[instance.object as usize].meshes.clone();
-            meshes.flat_map(|mesh| self.meshes[mesh as usize].positions.iter().copied()).map(placed)
+            let meshes: Vec<u32> = meshes.filter(|&mesh| seen[mesh as usize]).collect();
+            meshes.into_iter().flat_map(|mesh| self.meshes[mesh as usize].positions.iter().copied()).map(placed)
         })
     }
 
     /// World-space lower and upper corner of a box around each placed mesh.
     fn boxes(&self) -> impl Iterator<Item = (Vec3, Vec3)> {
-        let mesh_boxes: Vec<(Vec3, Vec3)> = self
-            .meshes
-            .iter()
-            .map(|mesh| {
+        let mesh_boxes: Vec<(Vec3, Vec3)> = (0..)
+            .zip(&self.meshes)
+            .map(|(i, mesh)| {
+                if !self.is_seen(i) {
+                    return (Vec3::INFINITY, Vec3::NEG_INFINITY);
+                }
                 let points = mesh.positions.iter().map(|&p| Vec3::from_array(p));
                 points.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)))
             })

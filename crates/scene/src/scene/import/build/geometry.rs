@@ -75,6 +75,17 @@ impl Geometry {
         self.mesh.indices = indices;
     }
 
+    /// Removes triangles of whose vertices none has an alpha that `shows`, with a note.
+    pub fn drop_clear(&mut self, shows: impl Fn(f32) -> bool, at: &str, notes: &mut Notes) {
+        let before = self.mesh.indices.len();
+        let colors = self.mesh.colors.as_ref();
+        let alpha = |t: &[u32; 3]| colors.map_or(1.0, |c| t.iter().map(|&i| c[i as usize][3]).fold(0.0, f32::max));
+        self.mesh.indices.retain(|t| shows(alpha(t)));
+        if self.mesh.indices.len() < before {
+            notes.not_loaded(at, "triangles that nothing can see: their alpha is 0, or below the cutoff");
+        }
+    }
+
     /// Removes triangles without area, with a note.
     pub fn drop_degenerate(&mut self, at: &str, notes: &mut Notes) {
         let before = self.mesh.indices.len();

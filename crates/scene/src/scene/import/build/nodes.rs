@@ -12,7 +12,7 @@ use super::{cameras, lights};
 use crate::error::{Error, Result};
 use crate::scene::import::document::Document;
 use crate::scene::import::document::cameras::STAND_IN;
-use crate::scene::import::document::nodes::{Instancing, world_transforms};
+use crate::scene::import::document::nodes::Instancing;
 use crate::scene::import::report::Notes;
 use crate::scene::{Camera, Instance, LightNode, Motion, PunctualLight};
 
@@ -77,7 +77,7 @@ pub fn flatten(
     reader: &mut Reader,
     notes: &mut Notes,
 ) -> Result<FlattenedScene> {
-    let (nodes, worlds) = (&document.nodes, world_transforms(&document.nodes));
+    let (nodes, worlds) = (&document.nodes, document.world_transforms());
     let mut out = FlattenedScene::default();
     let mut by_key: HashMap<ObjectKey, usize> = HashMap::new();
     let mut shown = vec![false; nodes.len()];

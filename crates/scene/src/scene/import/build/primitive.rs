@@ -49,14 +49,15 @@ impl Draft {
     }
 }
 
-/// Reads and checks one primitive. `None` if it has no triangles; a note says why.
+/// Reads and checks one primitive, without triangles that nothing can see unless the material `fades`. `None` if it has no triangles;
+/// a note says why.
 ///
 /// # Errors
 /// Data that breaks the specification.
 pub fn read(
     reader: &mut Reader,
     primitive: &Primitive,
-    material: &Material,
+    (material, fades): (&Material, bool),
     MeshPoses { picture: pose, shutter, adjacent_frames }: &MeshPoses,
     notes: &mut Notes,
 ) -> Result<Option<Geometry>> {
@@ -124,9 +125,10 @@ pub fn read(
     apply_pose(reader, primitive, pose, &mut g)?;
     g.mend_numbers(&primitive.at, notes);
     g.drop_not_finite(steps.iter().chain(&adjacent_frames), &primitive.at, notes);
+    g.drop_clear(|alpha| fades || material.shows(alpha), &primitive.at, notes);
     g.drop_degenerate(&primitive.at, notes);
     if g.mesh.indices.is_empty() {
-        notes.not_loaded(&primitive.at, "a primitive without a triangle of any area");
+        notes.not_loaded(&primitive.at, "a primitive without a triangle to see");
         return Ok(None);
     }
     g.compact();

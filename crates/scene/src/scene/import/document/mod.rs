@@ -24,6 +24,7 @@ mod typed;
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 
+use glam::{DAffine3, DVec3};
 use serde_json::Value;
 
 use crate::error::{Error, Result};
@@ -64,6 +65,8 @@ pub struct Document {
     pub roots: Vec<usize>,
     /// JSON path of the shown scene.
     pub scene_at: String,
+    /// Of the built scene's coordinates, in the file's: [`crate::scene::Scene::origin`].
+    pub origin: DVec3,
     pub animations: Table<Animation>,
     pub scenes: Table<Vec<usize>>,
     /// Names of the scenes; empty for those without.
@@ -149,6 +152,7 @@ impl Document {
             nodes,
             roots,
             scene_at,
+            origin: DVec3::ZERO,
             animations,
             scenes,
             scene_names,
@@ -156,6 +160,30 @@ impl Document {
             variant,
             extensions,
         })
+    }
+
+    /// Every node's transform to world space from [`Self::origin`], also of nodes that no scene shows.
+    pub fn world_transforms(&self) -> Vec<DAffine3> {
+        let mut worlds = vec![self.base(); self.nodes.len()];
+        let mut stack: Vec<_> = top_nodes(&self.nodes).into_iter().map(|i| (i, self.base())).collect();
+        while let Some((index, parent)) = stack.pop() {
+            worlds[index] = parent * self.nodes[index].transform;
+            stack.extend(self.nodes[index].children.iter().map(|&child| (child, worlds[index])));
+        }
+        worlds
+    }
+
+    /// From the file's coordinates to those from [`Self::origin`].
+    pub fn base(&self) -> DAffine3 {
+        DAffine3::from_translation(-self.origin)
+    }
+
+    /// May the animations change a material's alpha?
+    pub fn fades(&self, material: usize) -> bool {
+        let start = format!("/materials/{material}/");
+        let fades = |name: &str| ["baseColorFactor", "diffuseFactor", "alphaCutoff"].contains(&name);
+        let mut channels = self.animations.sound().flat_map(|(_, animation)| &animation.channels);
+        channels.any(|c| c.pointer.starts_with(&start) && c.pointer.rsplit('/').next().is_some_and(fades))
     }
 
     /// Faulty elements: JSON paths and faults. A fault is repeated for every element that depends on the faulty one.

@@ -192,14 +192,3 @@ pub fn top_nodes(nodes: &[Node]) -> Vec<usize> {
     let is_child = have_parents(nodes);
     (0..nodes.len()).filter(|&i| !is_child[i]).collect()
 }
-
-/// Every node's transform to world space, also of nodes that no scene shows. The nodes must be a forest.
-pub fn world_transforms(nodes: &[Node]) -> Vec<DAffine3> {
-    let mut worlds = vec![DAffine3::IDENTITY; nodes.len()];
-    let mut stack: Vec<_> = top_nodes(nodes).into_iter().map(|i| (i, DAffine3::IDENTITY)).collect();
-    while let Some((index, parent)) = stack.pop() {
-        worlds[index] = parent * nodes[index].transform;
-        stack.extend(nodes[index].children.iter().map(|&child| (child, worlds[index])));
-    }
-    worlds
-}
