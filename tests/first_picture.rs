@@ -233,8 +233,39 @@ fn lights_in_watts_are_told_by_the_picture() {
     lit(683.0);
     assert!(said("").contains("--light-unit watt"));
     assert!(!said("--light-unit watt").contains("luminance"));
-    lit(1.0);
-    assert!(!said("").contains("luminance"));
+    // Neither dim light nor the sun's is in watts.
+    for lux in [1.0, 1e5] {
+        lit(lux);
+        assert!(!said("").contains("luminance"), "{lux}");
+    }
+}
+
+#[test]
+fn a_faulty_camera_is_an_error_only_where_it_is_the_one_that_is_rendered() {
+    let folder = Folder::new();
+    let mut parts = Parts {
+        nodes: r#"[{"mesh":0,"camera":0,"children":[1]},{"name":"good","camera":1}]"#.into(),
+        ..Default::default()
+    };
+    let camera = |znear: u32| format!(r#"{{"type":"perspective","perspective":{{"yfov":1,"znear":{znear}}}}}"#);
+    parts.more = format!(r#","cameras":[{},{}]"#, camera(0), camera(1));
+    write(&folder, &parts.json());
+    for (flags, code) in [
+        ("", 65),
+        ("--camera 0", 65),
+        ("--camera good", 0),
+        ("--camera 1", 0),
+        ("--camera framed", 0),
+        ("--orbit 0,0", 0),
+    ] {
+        let said = expect(&folder, &format!("render a.gltf --size 8x8 --spp 1 {flags}"), code);
+        assert_eq!(
+            said.contains("a.gltf: cameras[0].perspective.znear: expected a number above 0"),
+            code == 65,
+            "{said}"
+        );
+    }
+    assert!(stdout(&folder, "inspect a.gltf", 0).contains("faulty"));
 }
 
 #[test]

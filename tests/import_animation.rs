@@ -167,6 +167,40 @@ fn weights_move_positions_and_colours() {
 }
 
 #[test]
+fn pointers_move_weights_that_nodes_take_from_their_mesh() {
+    for (pointer, shape, keys, of_mesh, [x, z]) in [
+        ("/nodes/0/weights/0", "SCALAR", vec![0.0, 2.0], Some([5.0, 3.0]), [3.0, 1.0]),
+        ("/nodes/0/weights/1", "SCALAR", vec![0.0, 2.0], Some([5.0, 3.0]), [1.0, 5.0]),
+        ("/nodes/0/weights/0", "SCALAR", vec![0.0, 2.0], None, [0.0, 1.0]),
+        ("/nodes/0/weights", "VEC2", vec![0.0, 0.0, 2.0, 4.0], Some([5.0, 3.0]), [2.0, 1.0]),
+        ("/nodes/0/weights", "VEC2", vec![0.0, 0.0, 2.0, 4.0], None, [2.0, 1.0]),
+        ("/meshes/0/weights/1", "SCALAR", vec![0.0, 2.0], None, [1.0, 0.0]),
+        ("/meshes/0/weights/1", "SCALAR", vec![0.0, 2.0], Some([5.0, 3.0]), [1.0, 5.0]),
+    ] {
+        let mut moving = Moving::new();
+        let lifted = moving.data.floats(&[0.0, 0.0, 1.0].repeat(3), "VEC3");
+        let shifted = moving.data.floats(&[1.0, 0.0, 0.0].repeat(3), "VEC3");
+        moving.document["meshes"][0]["primitives"][0]["targets"] =
+            json!([{ "POSITION": lifted }, { "POSITION": shifted }]);
+        if let Some(weights) = of_mesh {
+            moving.document["meshes"][0]["weights"] = json!(weights);
+        }
+        moving.pointer(pointer, &[0.0, 1.0], &keys, shape);
+        let imported = moving.at(0.5, None).unwrap();
+        assert!(!imported.report.notes.iter().any(|note| note.text.contains("not played")), "{pointer}");
+        let scene = imported.scene;
+        assert_eq!(scene.meshes[0].positions[0], [x, 0.0, z], "{pointer} {of_mesh:?}");
+        // The view shows all of the motion, to twice the weights that move.
+        let more = match pointer.rsplit('/').next().unwrap() {
+            "0" => vec3(0.0, 0.0, z),
+            "1" => vec3(x, 0.0, 0.0),
+            _ => vec3(x, 0.0, z),
+        };
+        assert_eq!(scene.reach.as_ref().unwrap().bounds[1], vec3(1.0 + x, 1.0, z) + more, "{pointer} {of_mesh:?}");
+    }
+}
+
+#[test]
 fn pointers_move_materials_lights_cameras_textures_and_visibility() {
     let mut moving = Moving::new();
     moving.document["nodes"] = json!([{ "mesh": 0, "children": [1, 2] }, { "camera": 0 },

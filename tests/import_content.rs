@@ -368,7 +368,7 @@ fn films_brushes_and_prisms_are_as_the_file_says() {
     assert_eq!(m.dispersion, 0.36);
     // The triangle has nothing along which a brush could have gone.
     assert!(notes.len() == 1 && notes[0].contains("highlights are isotropic"), "{notes:?}");
-    assert_eq!(m.tangent_set(), Some(0));
+    assert_eq!(m.tangent_sets(), [Some(0), None]);
     // Out of range: clamped.
     let (m, _) = material(
         r#"{"extensions":{"KHR_materials_anisotropy":{"anisotropyStrength":7},
@@ -403,6 +403,57 @@ fn strict_refuses_what_cannot_be_shown_exactly_and_names_it() {
         let error = strict(json).unwrap_err();
         assert_eq!(error.exit_code(), 65);
         assert!(error.to_string().contains(word), "{error}");
+    }
+}
+
+#[test]
+fn what_is_not_read_is_named_and_what_changes_no_picture_is_not() {
+    let strict = |json: String| {
+        let (_folder, path) = scene_file("scene.gltf", json);
+        import(&path, &ImportOptions { strict: true, ..Default::default() })
+    };
+    let more = |more: &str| Parts { more: more.into(), ..Default::default() }.json();
+    let splats =
+        r#"{"attributes":{"POSITION":0},"mode":0,"extensions":{"KHR_gaussian_splatting":{"kernel":"ellipse"}}}"#;
+    let splats = Parts { primitive: splats.into(), ..Default::default() }.json();
+    for (json, said) in [
+        (more(r#","files":[{"uri":"b.glb","mimeType":"model/gltf-binary"}]"#), "files: 1 files (glTF 2.1)"),
+        (more(r#","externalAssets":[{"file":0},{"file":1}]"#), "externalAssets: 2 scenes in other files (glTF 2.1)"),
+        (more(r#","shapes":[{"type":"box"}]"#).replace("2.0", "2.1"), "shapes: 1 shapes without triangles (glTF 2.1)"),
+        (splats, "primitives[0]: 3 splats, not shown"),
+    ] {
+        let error = strict(json).unwrap_err().to_string();
+        // Every line but the first is indented, as further lines of messages are.
+        assert!(error.contains(said) && error.lines().skip(1).all(|line| line.starts_with("  ")), "{error}");
+    }
+    for name in ["EXT_mesh_manifold", "EXT_mesh_primitive_edge_visibility", "EXT_structural_metadata", "ACME_metadata"]
+    {
+        let primitive = format!(r#"{{"attributes":{{"POSITION":0}},"extensions":{{"{name}":{{}}}}}}"#);
+        let more = format!(r#","extensionsUsed":["{name}"],"extensions":{{"{name}":{{}}}},"files":[]"#);
+        let imported = strict(Parts { primitive, more, ..Default::default() }.json()).unwrap();
+        assert_eq!(imported.report.extensions_ignored, [""; 0], "{name}");
+    }
+}
+
+#[test]
+fn strips_and_fans_begin_again_where_the_file_says_so() {
+    let square = floats(&[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0]);
+    let of = |mode: u32, extension: &str| {
+        let indices = [0, 1, 2, 3, 255, 255, 1, 3, 2, 255, 0, 1];
+        let accessor = r#"{"bufferView":0,"componentType":5126,"count":4,"type":"VEC3"}"#.to_owned()
+            + &accessor(48, 5121, indices.len(), "SCALAR", false);
+        let primitive = format!(r#"{{"attributes":{{"POSITION":0}},"indices":1,"mode":{mode}}}"#);
+        let more = format!(r#","extensionsUsed":["{extension}"]"#);
+        let positions = [&square[..], &indices].concat();
+        Parts { positions, accessor, primitive, more, ..Default::default() }
+            .import()
+            .map(|i| i.scene.meshes[0].indices.clone())
+    };
+    let restart = "EXT_mesh_primitive_restart";
+    assert_eq!(of(5, restart).unwrap(), [[0, 1, 2], [1, 3, 2], [1, 3, 2]]);
+    assert_eq!(of(6, restart).unwrap(), [[1, 2, 0], [2, 3, 0], [3, 2, 1]]);
+    for refused in [of(4, restart), of(5, "EXT_mesh_manifold")] {
+        assert!(refused.unwrap_err().to_string().contains("255"));
     }
 }
 

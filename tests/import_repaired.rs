@@ -1,11 +1,12 @@
 //! What exporters leave wrong or extreme, and what becomes of it: numbers that are not finite, scales of zero, turned texture
-//! coordinates, and one view for all frames of an animation.
+//! coordinates, small faults of the file, what nothing can see, and one view for all frames of an animation.
 
 use std::f32::consts::FRAC_PI_2;
 
 use bismar::scene::import::{ImportOptions, NoteKind, Pose, SceneFiles, Shutter};
 use bismar::scene::{Framing, Primitive, Scene};
 use glam::Vec3;
+use serde_json::{Value, json};
 
 use crate::helpers::gltf_parts::{Parts, TRIANGLE, data_uri, floats, scene_file};
 use crate::import_content::{accessor, with};
@@ -306,4 +307,240 @@ fn a_normal_map_turns_with_its_coordinates() {
         let inverse = transform.matrix2.inverse();
         is_right(4.0, transform, (Vec3::X * 4.0 * inverse.x_axis.x + Vec3::NEG_Y * inverse.x_axis.y).normalize());
     }
+}
+
+/// Sets a member or an element, or adds it.
+fn set(document: &mut Value, pointer: &str, value: Value) {
+    let (parent, name) = pointer.rsplit_once('/').unwrap();
+    match document.pointer_mut(parent).unwrap() {
+        Value::Array(items) if items.len() <= name.parse().unwrap() => items.push(value),
+        Value::Array(items) => items[name.parse::<usize>().unwrap()] = value,
+        other => other[name] = value,
+    }
+}
+
+#[test]
+fn small_faults_that_leave_no_doubt_are_shown_and_noted() {
+    let up = floats(&[0.0, 0.0, 1.0].repeat(3));
+    let indices: Vec<u8> = [0u16, 1, 2].iter().flat_map(|i| i.to_le_bytes()).collect();
+    // The last normals begin at byte 78.
+    let parts = with([&up[..], &indices, &up].concat(), "", "{}");
+    let mut whole: Value = serde_json::from_str(&parts.json()).unwrap();
+    let view = |start: usize, length: usize| json!({ "buffer": 0, "byteOffset": start, "byteLength": length });
+    let views = json!([view(0, 36), view(36, 36), view(72, 6), view(78, 36)]);
+    let vectors = |view: u32| json!({ "bufferView": view, "componentType": 5126, "count": 3, "type": "VEC3" });
+    let of_none = json!({ "componentType": 5126, "count": 0, "type": "VEC3" });
+    let list = json!({ "bufferView": 2, "componentType": 5123, "count": 3, "type": "SCALAR" });
+    for (pointer, value) in [
+        ("/bufferViews", views),
+        ("/accessors", json!([vectors(0), vectors(1), list, of_none])),
+        (
+            "/meshes/0/primitives/0",
+            json!({ "attributes": { "POSITION": 0, "NORMAL": 1 }, "indices": 2, "material": 0 }),
+        ),
+        ("/nodes", json!([{ "mesh": 0, "camera": 0, "extensions": { "KHR_lights_punctual": { "light": 0 } } }, {}])),
+        (
+            "/cameras",
+            json!([{ "type": "orthographic", "orthographic": { "xmag": 1, "ymag": 1, "znear": 0, "zfar": 9 } }]),
+        ),
+        ("/materials", json!([{ "extensions": { "KHR_materials_volume": { "attenuationColor": [0.5, 0.5, 0.5] } } }])),
+        ("/extensions", json!({ "KHR_lights_punctual": { "lights": [{ "type": "spot", "spot": {} }] } })),
+    ] {
+        set(&mut whole, pointer, value);
+    }
+    let light = "/extensions/KHR_lights_punctual/lights/0";
+    let (range, spot) = (format!("{light}/range"), format!("{light}/spot"));
+    let none =
+        json!({ "count": 0, "indices": { "bufferView": 2, "componentType": 5123 }, "values": { "bufferView": 0 } });
+    let rounded = json!([1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0.9999999]);
+    for (pointer, value, said) in [
+        ("/bufferViews/0/byteStride", json!(0), "0 as none"),
+        ("/bufferViews/1/byteStride", json!(12), ""),
+        ("/bufferViews/2/byteStride", json!(2), "own size"),
+        ("/accessors/1/normalized", json!(true), "means nothing"),
+        ("/accessors/2/normalized", json!(true), "means nothing"),
+        ("/accessors/1/bufferView", json!(3), "not aligned"),
+        ("/accessors/1/sparse", none, "sparse"),
+        ("/accessors/0/min", json!([null, null, null]), ""),
+        ("/nodes/0/name", Value::Null, "null"),
+        ("/meshes/0/name", Value::Null, "null"),
+        ("/meshes/0/extensions", Value::Null, "null"),
+        ("/meshes/0/weights", json!([1]), "without morph targets"),
+        ("/meshes/0/weights", json!([]), ""),
+        ("/meshes/0/primitives/1", json!({ "attributes": {} }), "without vertices"),
+        ("/meshes/0/primitives/1", json!({ "attributes": { "POSITION": 3 }, "material": 0 }), "without vertices"),
+        ("/meshes/0/primitives/1", json!({ "attributes": { "POSITION": 0 }, "indices": 3 }), "without vertices"),
+        ("/meshes/1", json!({ "primitives": [] }), "without primitives"),
+        ("/asset/version", json!("2"), "\"2.0\""),
+        ("/nodes/0/matrix", rounded, "rounding"),
+        (&range, json!(1e39), "no limit"),
+        ("/cameras/0/orthographic/zfar", json!(1e300), "no limit"),
+        ("/materials/0/extensions/KHR_materials_volume/attenuationDistance", json!(3.5e38), "no limit"),
+        (&spot, Value::Null, "default cone"),
+        ("/extras", json!({ "name": null, "range": 1e39 }), ""),
+    ] {
+        let mut document = whole.clone();
+        set(&mut document, pointer, value);
+        if pointer == "/meshes/1" {
+            set(&mut document, "/nodes/0/children", json!([1]));
+            set(&mut document, "/nodes/1/mesh", json!(1));
+        }
+        let (_folder, path) = scene_file("s.gltf", document.to_string());
+        let options = ImportOptions { strict: true, ..Default::default() };
+        let imported =
+            SceneFiles::open(&path).unwrap().import(&options).unwrap_or_else(|error| panic!("{pointer}: {error}"));
+        let scene = &imported.scene;
+        assert_eq!(imported.report.counts.instanced_triangles, 1, "{pointer}");
+        assert_eq!(scene.meshes[0].normals.as_ref().unwrap()[..], [[0.0, 0.0, 1.0]; 3], "{pointer}");
+        assert_eq!(scene.meshes[0].positions.as_flattened(), TRIANGLE, "{pointer}");
+        let far = if pointer.ends_with("zfar") { f32::INFINITY } else { 9.0 };
+        assert_eq!((scene.cameras[0].clip, scene.lights[0].range), (Some([0.0, far]), f32::INFINITY), "{pointer}");
+        assert_eq!(scene.materials[0].absorption, Vec3::ZERO, "{pointer}");
+        let repaired: Vec<_> = imported.report.of_kind(NoteKind::Repaired).map(|note| note.text.as_str()).collect();
+        assert_eq!(said.is_empty(), repaired.is_empty(), "{pointer}: {repaired:?}");
+        assert!(said.is_empty() || repaired.iter().any(|text| text.contains(said)), "{pointer}: {repaired:?}");
+    }
+}
+
+/// A triangle, and one of this material that is 90 m away, with texture coordinates and vertex colours of alpha 0.
+fn beside(material: &str, attributes: &str) -> Parts {
+    let extra = [[0.0; 6].to_vec(), [1.0, 1.0, 1.0, 0.0].repeat(3)].concat();
+    let accessors = accessor(36, 5126, 3, "VEC2", false) + &accessor(60, 5126, 3, "VEC4", false);
+    let mut parts = with(floats(&extra), &accessors, r#"{"attributes":{"POSITION":0}}]},{"primitives":["#);
+    parts.primitive += &format!(r#"{{"material":0,"attributes":{{"POSITION":0{attributes}}}}}"#);
+    parts.nodes = r#"[{"mesh":0,"children":[1]},{"mesh":1,"translation":[0,-90,0]}]"#.into();
+    let clear = crate::helpers::glb::png(image::RgbaImage::from_pixel(2, 2, image::Rgba([9, 9, 9, 0])));
+    let uri = data_uri("image/png", &clear);
+    parts.more = format!(r#","images":[{{"uri":"{uri}"}}],"textures":[{{"source":0}}],"materials":[{material}]"#);
+    parts
+}
+
+#[test]
+fn what_nothing_can_see_does_not_widen_the_view() {
+    let of = |scene: &Scene| (scene.camera(0, 40, 30).to_world, scene.bounds(), scene.enclosing_sphere());
+    let plain = Parts::default().import().unwrap().scene;
+    let texture = r#""pbrMetallicRoughness":{"baseColorTexture":{"index":0}}"#;
+    let factor = |alpha: f32| format!(r#""pbrMetallicRoughness":{{"baseColorFactor":[1,1,1,{alpha}]}}"#);
+    let (set, colors) = (r#","TEXCOORD_0":1"#, r#","COLOR_0":2"#);
+    for (mode, values, attributes, seen) in [
+        ("BLEND", factor(0.0), "", false),
+        ("BLEND", factor(0.01), "", true),
+        ("MASK", factor(0.49), "", false),
+        ("MASK", factor(0.5), "", true),
+        ("OPAQUE", factor(0.0), "", true),
+        ("BLEND", factor(1.0), colors, false),
+        ("MASK", factor(1.0), colors, false),
+        ("OPAQUE", factor(1.0), colors, true),
+        ("BLEND", texture.into(), set, false),
+        ("MASK", texture.into(), set, false),
+        ("OPAQUE", texture.into(), set, true),
+    ] {
+        let parts = beside(&format!(r#"{{"alphaMode":"{mode}",{values}}}"#), attributes);
+        let scene = parts.import().unwrap().scene;
+        assert_eq!(of(&scene) == of(&plain), !seen, "{mode} {values} {attributes}: {:?}", scene.bounds());
+        assert!(seen || scene.lowest() == Some(0.0));
+    }
+    // Moved by an animation it does not widen the view either, and what fades does, in all frames.
+    for (target, shape, low) in [("\"path\":\"translation\",\"node\":1", "VEC3", 0.0), ("", "VEC4", -90.0)] {
+        // Times, then two keys of four numbers, or of three.
+        let keys = [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0];
+        let mut parts = beside(&format!(r#"{{"alphaMode":"BLEND",{}}}"#, factor(0.0)), "");
+        let start = parts.positions.len();
+        parts.positions.extend(floats(&keys));
+        parts.accessor += &accessor(start, 5126, 2, "SCALAR", false);
+        parts.accessor += &accessor(start + 8, 5126, 2, shape, false);
+        let pointer = "/materials/0/pbrMetallicRoughness/baseColorFactor";
+        let pointer = format!(r#""path":"pointer","extensions":{{"KHR_animation_pointer":{{"pointer":"{pointer}"}}}}"#);
+        let target = if target.is_empty() { &pointer } else { target };
+        parts.more += &format!(
+            r#","animations":[{{"samplers":[{{"input":3,"output":4}}],"channels":[{{"sampler":0,"target":{{{target}}}}}]}}]"#
+        );
+        let (_folder, path) = scene_file("s.gltf", parts.json());
+        for seconds in [0.0, 1.0] {
+            let pose = Pose { seconds, animation: None, shutter: None, frame: None };
+            let options = ImportOptions { pose: Some(pose), ..Default::default() };
+            let scene = SceneFiles::open(&path).unwrap().import(&options).unwrap().scene;
+            assert_eq!(scene.lowest(), Some(low), "{target} at {seconds}");
+        }
+    }
+}
+
+#[test]
+fn what_is_far_from_the_origin_is_moved_to_the_eye() {
+    let of = |[x, y, z]: [f64; 3], camera: bool| {
+        let camera =
+            if camera { format!(r#",{{"camera":0,"translation":[{x},{},{z}]}}"#, y + 2.0) } else { String::new() };
+        let more = r#","cameras":[{"type":"perspective","perspective":{"yfov":1,"znear":0.1}}]"#.into();
+        let nodes =
+            format!(r#"[{{"translation":[{x},{y},{z}],"children":[1]}},{{"mesh":0,"scale":[0.1,0.1,0.1]}}{camera}]"#);
+        let json = Parts { nodes, more, ..Default::default() }
+            .json()
+            .replace(r#""nodes":[0]"#, if camera.is_empty() { r#""nodes":[0]"# } else { r#""nodes":[0,2]"# });
+        let (_folder, path) = scene_file("s.gltf", json);
+        SceneFiles::open(&path).unwrap().import(&ImportOptions::default()).unwrap()
+    };
+    for camera in [true, false] {
+        let near = of([0.0; 3], camera).scene;
+        assert_eq!(near.origin, glam::DVec3::ZERO);
+        for place in [[5e5, 100.0, -4.5e6], [1.1e9, -2e9, 3e9], [-4e3, 0.25, 0.0]] {
+            let imported = of(place, camera);
+            let far = &imported.scene;
+            let [near_eye, far_eye] = [&near, far].map(|scene| scene.camera(0, 40, 30).to_world);
+            // Each corner as the camera sees it.
+            for (a, b) in near.meshes[0].positions.iter().zip(far.meshes[0].positions.iter()) {
+                let [a, b] =
+                    [(near_eye, a), (far_eye, b)].map(|(eye, p)| eye.inverse().transform_point3(Vec3::from(*p)));
+                assert!(a.abs_diff_eq(b, 1e-6), "{place:?}, {camera}: {a} and {b}");
+            }
+            let said = bismar::scene::import::summary(&imported).cameras[0].position;
+            let eye = glam::DVec3::from(place) + Vec3::from(near_eye.translation).as_dvec3();
+            assert!(Vec3::from(said).as_dvec3().abs_diff_eq(eye, 1e-6 * eye.length()), "{said:?} for {eye}");
+        }
+    }
+    // What is seen from afar stays: its coordinates are small.
+    let more = r#","cameras":[{"type":"orthographic","orthographic":{"xmag":1,"ymag":1,"znear":0,"zfar":1e9}}]"#.into();
+    let nodes = r#"[{"children":[1]},{"mesh":0,"children":[2]},{"camera":0,"translation":[0,0,1e6]}]"#.into();
+    assert_eq!(Parts { nodes, more, ..Default::default() }.import().unwrap().scene.origin, glam::DVec3::ZERO);
+}
+
+#[test]
+fn tangents_follow_the_coordinates_of_each_normal_map() {
+    use bismar::integrator::Geometry;
+
+    // u of the first set runs along x, of the second along y; v against the other axis.
+    let sets = vec![0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0];
+    let tangents = [0.6, 0.8, 0.0, 1.0].repeat(3);
+    let extra = [[0.0, 0.0, 1.0].repeat(3), sets, tangents].concat();
+    let accessors = accessor(36, 5126, 3, "VEC3", false)
+        + &accessor(72, 5126, 3, "VEC2", false)
+        + &accessor(96, 5126, 3, "VEC2", false)
+        + &accessor(120, 5126, 3, "VEC4", false);
+    let tilted = data_uri("image/png", &bismar::film::preview::encoded(1, 1, &[204, 128, 230]).unwrap());
+    let of = |own: &str, coat: Option<u32>, attributes: &str| {
+        let primitive = format!(
+            r#"{{"material":0,"attributes":{{"POSITION":0,"NORMAL":1,"TEXCOORD_0":2,"TEXCOORD_1":3{attributes}}}}}"#
+        );
+        let mut parts = with(floats(&extra), &accessors, &primitive);
+        let coat =
+            coat.map(|set| format!(r#","clearcoatNormalTexture":{{"index":0,"texCoord":{set}}}"#)).unwrap_or_default();
+        parts.more = format!(
+            r#","images":[{{"uri":"{tilted}"}}],"textures":[{{"source":0}}],"materials":[{{{own}"extensions":{{
+               "KHR_materials_clearcoat":{{"clearcoatFactor":1{coat}}}}}}}]"#
+        );
+        let scene = parts.import().unwrap().scene;
+        let point = Geometry::new(&scene).point(&scene, Primitive { instance: 0, mesh: 0, prim: 0 }, (0.3, 0.3), 0.0);
+        let slope = |n: Vec3| n.truncate().normalize_or_zero().to_array().map(|x| (10.0 * x).round() / 10.0);
+        [slope(point.ns), slope(point.surface_from(&scene, Vec3::NEG_Z).clearcoat_normal)]
+    };
+    let normal = |set: u32| format!(r#""normalTexture":{{"index":0,"texCoord":{set}}},"#);
+    let (x, y, file, flat) = ([1.0, 0.0], [0.0, 1.0], [0.6, 0.8], [0.0; 2]);
+    assert_eq!(of(&normal(0), Some(1), ""), [x, y]);
+    assert_eq!(of(&normal(1), Some(0), ""), [y, x]);
+    assert_eq!(of(&normal(0), Some(0), ""), [x, x]);
+    assert_eq!(of(&normal(1), None, ""), [y, flat]);
+    assert_eq!(of("", Some(1), ""), [flat, y]);
+    // The file's tangents are those of the surface's own map.
+    assert_eq!(of(&normal(0), Some(1), r#","TANGENT":4"#), [file, y]);
+    assert_eq!(of(&normal(0), Some(0), r#","TANGENT":4"#), [file, file]);
+    assert_eq!(of("", Some(1), r#","TANGENT":4"#), [flat, file]);
 }

@@ -214,7 +214,13 @@ fn what_numbers_cannot_hold_is_told() {
     at([0.0, 0.0, 0.0], 1.0);
     let said = render("--sky --aperture f/2.8 --focus 4");
     assert!(!said.contains("away from the origin") && !said.contains("the lens has"), "{said}");
+    // What nodes place far away is moved to the eye; what 32-bit numbers do is not.
     at([4e5, 0.0, 0.0], 1.0);
+    assert!(!render("--sky").contains("away from the origin"));
+    let mut document = fields(4);
+    let there = document.accessor(&floats(&[4e5, 0.0, 0.0]), "VEC3");
+    placed(&mut document, there);
+    document.save(&path.join("scene.glb"));
     let said = render("--sky");
     assert!(said.contains("4.000e5 m away from the origin") && said.contains("wrong by about 21.2 %"), "{said}");
     at([0.0, 0.0, 0.0], 0.001);

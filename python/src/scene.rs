@@ -84,7 +84,9 @@ impl Scene {
     }
 
     fn bounds(&self) -> Option<[[f32; 3]; 2]> {
-        self.current().scene().bounds().map(|corners| corners.map(|corner| corner.to_array()))
+        let current = self.current();
+        let scene = current.scene();
+        scene.bounds().map(|corners| corners.map(|corner| (corner.as_dvec3() + scene.origin).as_vec3().to_array()))
     }
 
     fn inspect(&self, py: Python) -> PyResult<String> {

@@ -188,6 +188,7 @@ fn text(
             aspect,
             format!("at {}", vector(&c.position)),
             match (c.znear, c.zfar) {
+                _ if c.fault.is_some() => "faulty".into(),
                 (Some(near), Some(far)) => {
                     format!("znear {} m, zfar {} m{}", number(near), number(far), hides(hidden[c.index]))
                 }

@@ -83,12 +83,29 @@ pub fn say(text: impl Display) {
     line(Level::INFO, &text.to_string());
 }
 
-/// Prints an error on stderr.
+/// Prints an error on stderr, no longer than a screen.
 pub fn say_error(text: impl Display) {
+    let text = shortened(&text.to_string());
     match FORMAT.get() {
-        Some(Format::Json) => line(Level::ERROR, &text.to_string()),
+        Some(Format::Json) => line(Level::ERROR, &text),
         _ => say(format_args!("error: {text}")),
     }
+}
+
+/// A text without the middle of what does not fit on a screen of 24 lines of 80 characters: it may quote a whole file.
+fn shortened(text: &str) -> String {
+    const FIRST: usize = 18;
+    const LAST: usize = 4;
+    let (mut rows, mut column) = (Vec::new(), 0);
+    for (at, c) in text.char_indices() {
+        rows.extend((column % 80 == 0).then_some(at));
+        column = if c == '\n' { 0 } else { column + 1 };
+    }
+    if rows.len() <= FIRST + LAST + 1 {
+        return text.into();
+    }
+    let (start, end) = (&text[..rows[FIRST]], &text[rows[rows.len() - LAST]..]);
+    format!("{}\n  …\n  {}", start.trim_end(), end.trim_start())
 }
 
 fn line(level: Level, text: &str) {
@@ -125,5 +142,27 @@ mod tests {
         assert_eq!(escaped("\u{1b}[2J\r\u{85}é"), "\\u{1b}[2J\\r\\u{85}é");
         assert_eq!(escaped("a\u{202e}glb.\u{2066}b\u{200f}"), "a\\u{202e}glb.\\u{2066}b\\u{200f}");
         assert_eq!(escaped("مرحبا"), "مرحبا");
+    }
+
+    #[test]
+    fn an_error_is_no_longer_than_a_screen() {
+        let list = |n: usize| (0..n).map(|i| format!("\n  {i}")).collect::<String>();
+        for short in ["", "é", &"x".repeat(1800), &list(22)] {
+            assert_eq!(shortened(short), short);
+        }
+        for long in [
+            "x".repeat(1 << 20),
+            "é".repeat(1920),
+            list(99),
+            "\n".repeat(99),
+            format!("{}{}", list(21), "x".repeat(99)),
+        ] {
+            let text = format!("start {long} the end");
+            let rows: usize = shortened(&text).lines().map(|line| line.chars().count().div_ceil(80).max(1)).sum();
+            assert!(
+                rows <= 24 && shortened(&text).starts_with("start") && shortened(&text).ends_with("the end"),
+                "{rows}"
+            );
+        }
     }
 }

@@ -8,13 +8,16 @@ use crate::{Error, Result};
 /// Render settings of a request, completed by the scene.
 ///
 /// # Errors
-/// [`Error::Usage`] for an unknown camera, and more parts than tiles; those of [`RenderSettings::validate`].
+/// [`Error::Data`] for a faulty camera; [`Error::Usage`] for an unknown one, and more parts than tiles; those of [`RenderSettings::validate`].
 pub fn settings(request: &RenderRequest, scene: &Scene) -> Result<RenderSettings> {
     // The camera of `Loaded::placed` is the last one.
     let camera = match request.orbit.is_some() || request.placed.is_some() {
         true => scene.cameras.len() - 1,
         false => camera(&scene.cameras, request.camera.as_deref())?,
     };
+    if let Some(fault) = &scene.cameras[camera].fault {
+        return Err(Error::Data(format!("{}: {fault}", request.scene.display())));
+    }
     let (width, height) = request.size.map_or_else(|| size(&scene.cameras[camera]), |s| (s.0, s.1));
     let settings = RenderSettings { camera, width, height, ..request.settings.clone() };
     settings.validate(scene)?;
@@ -49,7 +52,9 @@ pub fn camera(cameras: &[Camera], wanted: Option<&str>) -> Result<usize> {
 /// # Errors
 /// [`Error::Usage`], which lists the cameras.
 pub fn camera_of_file(cameras: &[Camera], request: &RenderRequest) -> Result<usize> {
-    camera(cameras, request.camera.as_deref().filter(|_| !is_panorama(cameras, request)))
+    let wanted = request.camera.as_deref().filter(|_| !is_panorama(cameras, request));
+    let sound = cameras.iter().position(|camera| camera.fault.is_none());
+    camera(cameras, wanted).map(|index| sound.filter(|_| wanted.is_none()).unwrap_or(index))
 }
 
 /// Whether the camera is a panorama that the scene does not hold.

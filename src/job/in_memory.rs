@@ -85,7 +85,7 @@ impl LoadedScene {
 
     /// Its cameras: the file's, the view that shows the whole scene (`framed`), and those that were added.
     pub fn cameras(&self) -> Vec<CameraInfo> {
-        self.scene().cameras.iter().map(CameraInfo::of).collect()
+        self.scene().cameras.iter().map(|camera| CameraInfo::of(camera, self.scene().origin)).collect()
     }
 
     /// Adds a camera and returns its index. Nothing else of the scene is copied.
@@ -94,7 +94,7 @@ impl LoadedScene {
     /// [`Error::Usage`] for a matrix that is no rotation and translation, a field of view out of range, or a name that is
     /// taken.
     pub fn add_camera(&mut self, placed: &PlacedCamera) -> Result<usize> {
-        let camera = placed.camera(1.0)?;
+        let camera = placed.camera_in(self.scene(), 1.0)?;
         let cameras = &self.scene().cameras;
         if cameras.iter().any(|other| other.name == camera.name) {
             return Err(Error::Usage(format!("camera '{}': there is another camera of this name", camera.name)));
@@ -188,7 +188,7 @@ impl LoadedScene {
 const PERSPECTIVE: &str = "perspective";
 
 impl CameraInfo {
-    fn of(camera: &Camera) -> Self {
+    fn of(camera: &Camera, origin: glam::DVec3) -> Self {
         let (projection, vertical) = match camera.projection {
             Projection::Perspective { yfov } => (PERSPECTIVE, f64::from(yfov).to_degrees()),
             Projection::Orthographic { ymag, .. } => ("orthographic", f64::from(ymag)),
@@ -196,7 +196,8 @@ impl CameraInfo {
             Projection::Calibrated(of) => of.described(),
         };
         let calibration = if let Projection::Calibrated(of) = camera.projection { Some(of) } else { None };
-        let to_world = glam::Mat4::from(camera.to_world).transpose().as_dmat4().to_cols_array_2d();
+        let mut to_world = glam::Mat4::from(camera.to_world).transpose().as_dmat4().to_cols_array_2d();
+        to_world.iter_mut().zip(origin.to_array()).for_each(|(row, origin)| row[3] += origin);
         let aspect = camera.aspect.map(f64::from);
         Self { name: camera.name.clone(), projection, vertical, aspect, to_world, calibration }
     }
@@ -280,8 +281,9 @@ impl RenderedPicture {
     /// Camera to world of the view, row by row, and its vertical field of view in radians; `None` for an orthographic one.
     pub fn view(&self) -> ([[f64; 4]; 4], Option<f64>) {
         let settings = &self.rendered.settings;
-        let view = self.loaded.prepared.scene.camera(settings.camera, settings.width, settings.height);
-        let info = CameraInfo::of(&view);
+        let scene = &self.loaded.prepared.scene;
+        let view = scene.camera(settings.camera, settings.width, settings.height);
+        let info = CameraInfo::of(&view, scene.origin);
         (info.to_world, (info.projection == PERSPECTIVE).then(|| info.vertical.to_radians()))
     }
 

@@ -112,7 +112,7 @@ impl Loaded {
         let (width, height) = request.size.map_or(DEFAULT_SIZE, |size| (size.0, size.1));
         let aspect = f64::from(width) / f64::from(height);
         let camera = match (&request.placed, &request.orbit) {
-            (Some(placed), _) => placed.camera(aspect)?,
+            (Some(placed), _) => placed.camera_in(&self.prepared.scene, aspect)?,
             (None, Some(orbit)) => orbit.camera(&self.prepared.scene, aspect),
             (None, None) if choose::is_panorama(&self.prepared.scene.cameras, request) => {
                 choose::panorama(&self.prepared.scene)

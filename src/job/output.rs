@@ -5,6 +5,8 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
+use glam::{DMat4, DVec3, Mat4};
+
 use super::command::PictureCommand;
 use super::denoise::denoised_elsewhere;
 use super::inputs::Inputs;
@@ -129,8 +131,15 @@ impl<'a> OutputWriter<'a> {
         let (scene, settings) = (&self.loaded.prepared.scene, &self.identity.settings);
         let mut header = stats.header()?;
         let (to_camera, to_picture) = camera(scene, settings).matrices();
-        header.push((WORLD_TO_CAMERA.into(), HeaderValue::Matrix(to_camera)));
-        header.extend(to_picture.map(|matrix| (WORLD_TO_NDC.into(), HeaderValue::Matrix(matrix))));
+        let of_file = |matrix: [f32; 16]| match scene.origin {
+            DVec3::ZERO => HeaderValue::Matrix(matrix),
+            origin => {
+                let matrix = Mat4::from_cols_array(&matrix).as_dmat4() * DMat4::from_translation(-origin);
+                HeaderValue::Matrix(matrix.as_mat4().to_cols_array())
+            }
+        };
+        header.push((WORLD_TO_CAMERA.into(), of_file(to_camera)));
+        header.extend(to_picture.map(|matrix| (WORLD_TO_NDC.into(), of_file(matrix))));
         if let Projection::Calibrated(of) = scene.cameras[settings.camera].projection {
             header.push((CALIBRATION.into(), json(&of.scaled(settings.width, settings.height))?));
         }

@@ -232,8 +232,8 @@ impl Session<'_> {
         rendering_ends(!interrupted);
         self.check_paths(&rendered, paths_before)?;
         if !interrupted {
-            let lights = (!loaded.prepared.scene.lights.is_empty()).then_some(request.light_unit);
-            warnings::black_picture(output, &rendered, request.settings.part.is_some(), lights);
+            let (part, lights) = (request.settings.part.is_some(), &loaded.prepared.scene.lights);
+            warnings::black_picture(output, &rendered, part, lights, request.light_unit);
         }
         let mut stats = writer.write_final(
             &rendered,

@@ -1,5 +1,6 @@
 //! Warnings about the result of a render.
 
+use std::ops::RangeInclusive;
 use std::path::Path;
 
 use tracing::warn;
@@ -13,6 +14,7 @@ use crate::render::clipped::{TOLD, hidden_share};
 use crate::render::goals::learned_alike;
 use crate::render::tile::Tile;
 use crate::render::{BuildInfo, Record, RenderSettings, Rendered, Saved};
+use crate::scene::{PunctualKind, PunctualLight};
 
 /// Warns if a resumed render, on `backend` and with `settings`, is not bit-identical to an uninterrupted one.
 pub fn resumed_differently(
@@ -80,7 +82,7 @@ pub fn clipped(request: &RenderRequest, scene: &PreparedScene, camera: usize) {
 }
 
 /// Warns of a picture, or a part of one, that is black, and of one so bright or dark that the unit of its lights is in doubt.
-pub fn black_picture(output: &Path, rendered: &Rendered, part: bool, lights: Option<LightUnit>) {
+pub fn black_picture(output: &Path, rendered: &Rendered, part: bool, lights: &[PunctualLight], unit: LightUnit) {
     let seen = Seen::of(rendered);
     // A light seen directly that lights nothing else is no illumination. The lit pixels may be in the other parts.
     let few = if part { 0 } else { seen.surfaces / 50 };
@@ -99,12 +101,16 @@ pub fn black_picture(output: &Path, rendered: &Rendered, part: bool, lights: Opt
         return;
     }
     let mean = seen.luminance / seen.surfaces.max(1) as f64;
-    match lights {
-        Some(LightUnit::Lumen) if mean > BRIGHT => warn!(
+    let is_sun = |light: &PunctualLight| {
+        light.kind == PunctualKind::Directional && SUNLIGHT.contains(&light.intensity.max_element())
+    };
+    match unit {
+        _ if lights.is_empty() => {}
+        LightUnit::Lumen if mean > BRIGHT && !lights.iter().any(is_sun) => warn!(
             "{output}: surfaces have a mean luminance of {mean:.0}, where white in plain light has 1. If the file's lights were \
              exported from Blender's watts, --light-unit watt divides them by 683"
         ),
-        Some(LightUnit::Watt) if seen.surfaces > 0 && mean < DARK => warn!(
+        LightUnit::Watt if seen.surfaces > 0 && mean < DARK => warn!(
             "{output}: surfaces have a mean luminance of {mean:.1e}, where white in plain light has 1. --light-unit lumen uses the \
              file's lights undivided"
         ),
@@ -115,6 +121,8 @@ pub fn black_picture(output: &Path, rendered: &Rendered, part: bool, lights: Opt
 /// Mean luminances of surfaces beyond which the unit of the lights is in doubt: the factor is 683.
 const BRIGHT: f64 = 20.0;
 const DARK: f64 = 2e-3;
+/// Lux of the sun through clouds to that above the atmosphere. Blender's usual suns, 1 to 10 W/m^2, are of 683 to 6830.
+const SUNLIGHT: RangeInclusive<f32> = 10_000.0..=150_000.0;
 
 /// What a picture shows of its surfaces.
 #[derive(Default)]

@@ -116,13 +116,14 @@ pub fn check_scene(imported: &Imported) -> Result<(), String> {
         promise(mesh.positions.iter().flatten().all(|x| x.is_finite()), "finite positions")?;
         let mut lengths = vec![n];
         lengths.extend(mesh.normals.as_ref().map(Vec::len));
-        lengths.extend(mesh.tangents.as_ref().map(Vec::len));
+        let tangents = || [&mesh.tangents, &mesh.coat_tangents].into_iter().flatten();
+        lengths.extend(tangents().map(Vec::len));
         lengths.extend(mesh.texcoords.iter().flatten().map(Vec::len));
         lengths.extend(mesh.colors.as_ref().map(Vec::len));
         promise(lengths.iter().all(|&l| l == n), "attributes as long as positions")?;
         let unit = |v: &[f32]| (v.iter().map(|x| x * x).sum::<f32>() - 1.0).abs() < 1e-5;
         promise(mesh.normals.iter().flatten().all(|n| unit(n)), "unit normals")?;
-        promise(mesh.tangents.iter().flatten().all(|t| unit(&t[..3]) && t[3].abs() == 1.0), "unit tangents")?;
+        promise(tangents().flatten().all(|t| unit(&t[..3]) && t[3].abs() == 1.0), "unit tangents")?;
         let material = scene.materials.get(mesh.material as usize).ok_or("materials that exist")?;
         // What is anisotropic without a normal map may do without.
         let slots = [TextureSlot::Normal, TextureSlot::ClearcoatNormal];

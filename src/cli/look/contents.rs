@@ -86,6 +86,7 @@ impl Contents {
     pub fn of(imported: &Imported, survey: &Survey) -> Self {
         let (scene, summary) = (&imported.scene, summary(imported));
         let bounds = scene.reach.as_ref().map(|reach| reach.bounds).or_else(|| scene.bounds());
+        let origin = scene.origin.as_vec3();
         let values = |material: &Material| Material { textures: Default::default(), ..material.clone() };
         let materials = summary.materials.into_iter().zip(&scene.materials).map(|(row, material)| MaterialRow {
             name: row.name,
@@ -99,8 +100,8 @@ impl Contents {
             hash: survey.hash.clone(),
             file_bytes: summary.file_bytes,
             bounds: bounds.map(|[low, high]| Bounds {
-                low: low.to_array().map(decimal),
-                high: high.to_array().map(decimal),
+                low: (low + origin).to_array().map(decimal),
+                high: (high + origin).to_array().map(decimal),
                 size: (high - low).to_array().map(decimal),
             }),
             triangles: summary.counts.instanced_triangles,

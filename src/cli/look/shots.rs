@@ -63,8 +63,9 @@ impl Subject {
         let session = Session { request: &request, inputs: &inputs, threads, began: Instant::now(), replaces: false };
         session.check_memory()?;
         let imported = inputs.lend(&request)?.scene.import(&request.import_options())?;
-        let (contents, sphere) = (Contents::of(&imported, &inputs.scene), imported.scene.enclosing_sphere());
-        Ok(Self { request, inputs, contents, sphere })
+        let contents = Contents::of(&imported, &inputs.scene);
+        let (centre, radius) = imported.scene.enclosing_sphere();
+        Ok(Self { request, inputs, contents, sphere: (centre + imported.scene.origin, radius) })
     }
 
     /// Renders the views, frame by frame, around `sphere`.
@@ -100,9 +101,10 @@ impl Subject {
         loaded: &Loaded,
         view: Direction,
         frame: Option<u32>,
-        sphere: Sphere,
+        (centre, radius): Sphere,
         stop: &AtomicBool,
     ) -> Result<Shot> {
+        let sphere = (centre - loaded.prepared.scene.origin, radius);
         let settings = self.request.settings.clone();
         let (width, height) = self.request.size.map_or((settings.width, settings.height), |size| (size.0, size.1));
         let camera = view.orbit().around(sphere, f64::from(width) / f64::from(height));

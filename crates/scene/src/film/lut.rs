@@ -126,8 +126,8 @@ impl Table {
 }
 
 impl Lut {
-    /// Reads a `.cube` file. Its input is `input`, or what a comment `# input space: ACEScct` says, or linear Rec. 709; `true`
-    /// where neither says it.
+    /// Reads a `.cube` file, with keywords in any case. Its input is `input`, or what a comment `# input space: ACEScct` says, or
+    /// linear Rec. 709; `true` where neither says it.
     ///
     /// # Errors
     /// The defect, as a part of a sentence: what is no such file, tables of 1 node or too many, numbers that are not finite,
@@ -136,18 +136,17 @@ impl Lut {
         let mut sizes = [None; 2];
         let mut ranges = [[Vec3::ZERO, Vec3::ONE]; 2];
         let (mut rows, mut stated, mut expected) = (Vec::new(), input, 0);
-        for (line, number) in text.trim_start_matches('\u{feff}').lines().zip(1..) {
+        let text = text.trim_start_matches('\u{feff}').trim_end_matches('\0').replace("\r\n", "\n");
+        for (line, number) in text.split(['\n', '\r']).zip(1..) {
             let at = |why: &str| format!("line {number}: {why}");
-            let line = line.trim();
-            if let Some(comment) = line.strip_prefix('#') {
-                let comment = comment.trim().to_ascii_lowercase();
-                if let (None, Some(space)) = (stated, comment.strip_prefix("input space:")) {
-                    stated = Some(space.parse().map_err(|why: String| at(&why))?);
-                }
-                continue;
-            }
+            let (line, comment) = line.split_once('#').unwrap_or((line, ""));
+            let comment = comment.trim().to_ascii_lowercase();
+            // A space that is none of ours is a comment of another program.
+            stated = stated.or_else(|| comment.strip_prefix("input space:")?.parse().ok());
             let mut words = line.split_whitespace();
-            let Some(first) = words.next().filter(|first| *first != "TITLE") else { continue };
+            let Some(first) = words.next().map(str::to_ascii_uppercase).filter(|first| first != "TITLE") else {
+                continue;
+            };
             let numbers = |words: &mut dyn Iterator<Item = &str>| -> Result<Vec<f32>, String> {
                 let parsed: Option<Vec<f32>> =
                     words.map(|word| word.parse().ok().filter(|x: &f32| x.is_finite())).collect();
@@ -164,7 +163,7 @@ impl Lut {
                 continue;
             }
             let values = numbers(&mut words)?;
-            match (first, &values[..]) {
+            match (&first[..], &values[..]) {
                 ("LUT_1D_SIZE" | "LUT_3D_SIZE", &[size]) if rows.is_empty() => {
                     let (which, most) = if first == "LUT_1D_SIZE" { (0, MOST_1D) } else { (1, MOST_3D) };
                     if size.fract() != 0.0 || !(2.0..=most as f32).contains(&size) {
@@ -248,6 +247,26 @@ mod tests {
     }
 
     #[test]
+    fn keywords_line_ends_and_comments_are_as_programs_and_editors_leave_them() {
+        let plain = Lut::parse(CUBE, None).unwrap();
+        let lower = CUBE.replace("LUT_3D", "lut_3d").replace("TITLE", "Title");
+        let remarks = CUBE.replace("SIZE 2", "SIZE 2 # nodes").replace("\n1 0 0", "\n1 0 0\t# red\n\n#\n");
+        let ends = [
+            CUBE.replace('\n', "\r\n"),
+            CUBE.replace('\n', "\r"),
+            format!("{CUBE}\0\0"),
+            format!("\u{feff}{CUBE}\n \n"),
+        ];
+        for text in ends.into_iter().chain([lower, remarks]) {
+            assert_eq!(Lut::parse(&text, None).unwrap(), plain, "{text:?}");
+        }
+        for space in ["Linear Rec.709", "S-Gamut3.Cine/S-Log3", "sRGB", ""] {
+            let (lut, assumed) = Lut::parse(&CUBE.replace("log2:-8, 8", space), None).unwrap();
+            assert!(assumed && lut.input == "rec709".parse().unwrap(), "{space}");
+        }
+    }
+
+    #[test]
     fn what_is_no_lut_is_refused_with_its_line() {
         let rows = "0 0 0\n1 1 1\n";
         for (text, why) in [
@@ -266,7 +285,8 @@ mod tests {
             (format!("LUT_1D_SIZE 2\nLUT_1D_INPUT_RANGE 1 1\n{rows}"), "range"),
             (format!("LUT_1D_SIZE 2\nDOMAIN_MIN 0 2 0\n{rows}"), "range"),
             (format!("LUT_1D_SIZE 2\nLUT_IN_VIDEO_RANGE\n{rows}"), "video"),
-            (format!("# input space: sepia\nLUT_1D_SIZE 2\n{rows}"), "line 1: 'sepia' is none of"),
+            (format!("LUT_1D_SIZE 2\0\n{rows}"), "line 1: not finite"),
+            ("L\0U\0T\0_\0001\0D\0".into(), "line 1: not understood"),
             ("PNG".into(), "line 1: not understood"),
         ] {
             let said = Lut::parse(&text, None).unwrap_err();

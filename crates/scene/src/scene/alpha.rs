@@ -30,6 +30,17 @@ impl Scene {
         })
     }
 
+    /// Can anything see this mesh: has its texture, if alpha matters, a texel that shows? What factors hide is not imported.
+    pub fn is_seen(&self, mesh: u32) -> bool {
+        let image = || {
+            // While a scene is imported, these are not there yet.
+            let material = self.materials.get(self.meshes[mesh as usize].material as usize)?;
+            let texture = material.textures[TextureSlot::BaseColor].as_ref().filter(|_| material.shows(1.0))?;
+            Some((material, &self.images[self.textures.get(texture.texture as usize)?.image as usize]))
+        };
+        image().is_none_or(|(material, image)| image.texels.any_alpha(|alpha| material.shows(alpha)))
+    }
+
     /// Probability that a hit counts, in [0, 1]: how much of its light a lamp gives where a light sample chooses this point.
     /// Arguments as of [`is_present`](Self::is_present).
     #[inline]

@@ -50,6 +50,8 @@ pub struct Camera {
     /// Clipping planes: the least and the largest depth along the view axis that the camera sees, in metres, the latter
     /// infinite where the file has none. Shadows and mirrors see all. `None` for cameras without.
     pub clip: Option<[f32; 2]>,
+    /// Why the file's camera cannot be used; the projection is then a stand-in.
+    pub fault: Option<Arc<str>>,
 }
 
 impl Camera {
@@ -67,6 +69,7 @@ impl Camera {
             adjacent_frames: None,
             framing: None,
             clip: None,
+            fault: None,
         }
     }
 

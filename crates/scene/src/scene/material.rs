@@ -267,17 +267,30 @@ impl Material {
         self.emissive.max_element() > 0.0 && !self.unlit
     }
 
+    /// Can there be a surface where texture and vertex colour have this alpha?
+    #[inline]
+    pub fn shows(&self, alpha: f32) -> bool {
+        match self.alpha_mode {
+            AlphaMode::Opaque => true,
+            AlphaMode::Mask(cutoff) => self.base_color.w * alpha >= cutoff,
+            AlphaMode::Blend => self.base_color.w * alpha > 0.0,
+        }
+    }
+
     /// Can a part of the surface be dielectric? Values of textures are not considered.
     #[inline]
     pub fn has_dielectric(&self) -> bool {
         !self.unlit && (self.metallic < 1.0 || self.textures[TextureSlot::MetallicRoughness].is_some())
     }
 
-    /// The texture coordinate set that tangents follow, if the material needs tangents: a normal map's, else the anisotropy's.
-    pub fn tangent_set(&self) -> Option<u8> {
+    /// The texture coordinate set that the mesh's tangents follow, if the material needs tangents: the normal map's, else the
+    /// anisotropy's, else the clear coat's normal map's; and that of the latter where it is another one.
+    pub fn tangent_sets(&self) -> [Option<u8>; 2] {
         let set = |slot: TextureSlot| self.textures[slot].as_ref().map(|texture| texture.set);
-        let normals = set(TextureSlot::Normal).or(set(TextureSlot::ClearcoatNormal));
-        normals.or((self.anisotropy > 0.0).then(|| set(TextureSlot::Anisotropy).unwrap_or(0)))
+        let (normals, coat) = (set(TextureSlot::Normal), set(TextureSlot::ClearcoatNormal));
+        let brushed = || (self.anisotropy > 0.0).then(|| set(TextureSlot::Anisotropy).unwrap_or(0));
+        let own = normals.or_else(brushed).or(coat);
+        [own, coat.filter(|_| coat != own)]
     }
 
     /// Does refraction depend on wavelength?

@@ -91,6 +91,8 @@ pub struct Mesh {
     pub normals: Option<Vec<[f32; 3]>>,
     /// Unit tangents, with the bitangent's sign (±1) in `w`; present only if the material needs tangents.
     pub tangents: Option<Vec<[f32; 4]>>,
+    /// Likewise of the clear coat's normal map, where that follows other texture coordinates.
+    pub coat_tangents: Option<Vec<[f32; 4]>>,
     /// TEXCOORD_0 and TEXCOORD_1; present only if the material samples them.
     pub texcoords: [Option<Vec<[f32; 2]>>; 2],
     /// TEXCOORD_2 and higher that the material samples, each with its number.

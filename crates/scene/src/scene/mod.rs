@@ -59,6 +59,9 @@ pub struct Scene {
     pub cameras: Vec<Camera>,
     /// Light from infinity; `None` for black.
     pub environment: Option<Environment>,
+    /// Where the coordinates of this scene begin, in those of the file, metres. The importer moves scenes that are far from the
+    /// file's origin to their eye, as 32 bits would round their coordinates.
+    pub origin: DVec3,
     /// What surfaces reach over a played animation, by which all its frames are framed; `None` where none is played.
     pub reach: Option<Arc<AnimatedBounds>>,
 }
@@ -221,7 +224,7 @@ impl Scene {
         dark
     }
 
-    /// Radius in metres of a sphere that contains every placed mesh; 0 for an empty scene.
+    /// Radius in metres of a sphere that contains every placed mesh that can be seen; 0 for an empty scene.
     pub fn radius(&self) -> f32 {
         self.bounds().map_or(0.0, |[low, high]| 0.5 * (high - low).length())
     }
@@ -229,7 +232,9 @@ impl Scene {
     /// World-space lower and upper corner of an axis-aligned box that contains every placed mesh, metres; `None` for an
     /// empty scene. It is the smallest such box if no instance is rotated.
     pub fn bounds(&self) -> Option<[Vec3; 2]> {
-        self.boxes(|_| true).map(|(_, corners)| corners).reduce(|[l, h], [low, high]| [l.min(low), h.max(high)])
+        self.boxes(|mesh, _| self.is_seen(mesh))
+            .map(|(_, corners)| corners)
+            .reduce(|[l, h], [low, high]| [l.min(low), h.max(high)])
     }
 
     /// Height of the lowest point, over a played animation, metres; `None` for an empty scene.
@@ -272,26 +277,28 @@ impl Scene {
 
     /// World-space vertices of all placed meshes.
     fn points(&self) -> impl Iterator<Item = DVec3> {
-        self.instances.iter().flat_map(|instance| {
+        let seen: Vec<bool> = (0..self.meshes.len() as u32).map(|mesh| self.is_seen(mesh)).collect();
+        self.instances.iter().flat_map(move |instance| {
             let transform = instance.transform;
             let placed = move |p: [f32; 3]| {
                 let p = Vec3::from_array(p);
                 transform.map_or(p, |t| t.transform_point3(p)).as_dvec3()
             };
             let meshes = self.objects[instance.object as usize].meshes.clone();
-            meshes.flat_map(|mesh| self.meshes[mesh as usize].positions.iter().copied()).map(placed)
+            let meshes: Vec<u32> = meshes.filter(|&mesh| seen[mesh as usize]).collect();
+            meshes.into_iter().flat_map(|mesh| self.meshes[mesh as usize].positions.iter().copied()).map(placed)
         })
     }
 
-    /// World-space lower and upper corner of a box around each placed mesh of those that `take` takes, with the indices of instance and
+    /// World-space lower and upper corner of a box around each placed mesh of those that `take` takes by index and value, with the indices of instance and
     /// mesh.
-    pub fn boxes(&self, take: impl Fn(&Mesh) -> bool) -> impl Iterator<Item = ([u32; 2], [Vec3; 2])> {
-        let mesh_box = |mesh: &Arc<Mesh>| {
-            let positions = if take(mesh) { &mesh.positions[..] } else { &[] };
+    pub fn boxes(&self, take: impl Fn(u32, &Mesh) -> bool) -> impl Iterator<Item = ([u32; 2], [Vec3; 2])> {
+        let mesh_box = |(index, mesh): (u32, &Arc<Mesh>)| {
+            let positions = if take(index, mesh) { &mesh.positions[..] } else { &[] };
             let points = positions.iter().map(|&p| Vec3::from_array(p));
             points.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)))
         };
-        let mesh_boxes: Vec<_> = self.meshes.iter().map(mesh_box).collect();
+        let mesh_boxes: Vec<_> = (0..).zip(&self.meshes).map(mesh_box).collect();
         (0..).zip(&self.instances).flat_map(move |(index, instance)| {
             let meshes = self.objects[instance.object as usize].meshes.clone();
             let boxes: Vec<_> = meshes.map(|mesh| (mesh, mesh_boxes[mesh as usize])).collect();

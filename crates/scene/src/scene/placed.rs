@@ -105,6 +105,16 @@ impl Display for Orbit {
 }
 
 impl PlacedCamera {
+    /// The camera in a scene, whose [`Scene::origin`] may be another, for a picture with this aspect (width over height).
+    ///
+    /// # Errors
+    /// Those of [`Self::camera`].
+    pub fn camera_in(&self, scene: &Scene, aspect: f64) -> Result<Camera> {
+        let mut own = self.clone();
+        own.to_world.iter_mut().zip(scene.origin.to_array()).for_each(|(row, origin)| row[3] -= origin);
+        own.camera(aspect)
+    }
+
     /// The camera for a picture with this aspect (width over height).
     ///
     /// # Errors

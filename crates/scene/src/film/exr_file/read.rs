@@ -24,7 +24,7 @@ use crate::film::picture::Picture;
 use crate::{Error, Result as Outcome, color, guard};
 
 /// Reads the beauty of any flat OpenEXR file: the channels R, G, B (or those of a layer that ends in `Combined`, as Blender
-/// writes) in half, float or integer, and `variance.R`, `.G`, `.B` if they exist. The content of the file is not trusted.
+/// writes), or the only one of a grey picture, Y, in half, float or integer, and `variance.R`, `.G`, `.B` if they exist. The content of the file is not trusted.
 ///
 /// # Errors
 /// [`Error::reading`] for a file that cannot be read; [`Error::Data`] for one that is no such picture.
@@ -231,9 +231,7 @@ impl Decoded {
     fn new(headers: &[ExrHeader], layer: Option<&str>, fits: &Fits) -> Result<Self> {
         let wanted = |header: &ExrHeader| match layer {
             _ if header.deep => None,
-            None => {
-                ["R", "G", "B"].map(|c| color_prefix(&names(header)).map(|prefix| prefix + c)).into_iter().collect()
-            }
+            None => beauty_channels(&names(header)),
             Some(layer) => layer_channels(&names(header), layer),
         };
         let found = headers.iter().enumerate().find_map(|(i, h)| Some((i, wanted(h)?)));
@@ -250,7 +248,8 @@ impl Decoded {
         let color = three(&colors).ok_or_else(|| invalid("its colour channels are subsampled"))?;
         let beauty = |name: &str| layer.is_none().then(|| name.to_owned());
         let variance = beauty("variance.").and_then(|v| three(&["R", "G", "B"].map(|c| format!("{v}{c}"))));
-        let alpha = beauty(colors[0].trim_end_matches('R')).and_then(|prefix| full_channel(&header, &(prefix + "A")));
+        let alpha =
+            beauty(colors[0].trim_end_matches(['R', 'Y'])).and_then(|prefix| full_channel(&header, &(prefix + "A")));
         let black = || vec![[0.0; 3]; width * height];
         let picture = Picture {
             window: window_of(header.own_attributes.layer_position, header.layer_size),
@@ -385,12 +384,15 @@ fn names(header: &ExrHeader) -> Vec<String> {
     header.channels.list.iter().map(|c| string(&c.name)).collect()
 }
 
-/// The prefix of R, G and B in the names of the beauty's channels.
-fn color_prefix(names: &[String]) -> Option<String> {
-    let complete = |prefix: &&str| ["R", "G", "B"].iter().all(|c| names.contains(&format!("{prefix}{c}")));
-    let reds = names.iter().filter_map(|n| n.strip_suffix('R'));
-    let mut candidates = reds.filter(|p| p.is_empty() || p.ends_with("Combined."));
-    candidates.find(complete).map(str::to_owned)
+/// The names of the beauty's channels: R, G and B, or three times Y, but not the Y of chroma (RY, BY).
+fn beauty_channels(names: &[String]) -> Option<Vec<String>> {
+    let has = |name: &str| names.iter().any(|own| own == name);
+    let of = |letters: [&str; 3], prefix: &str| letters.map(|letter| format!("{prefix}{letter}"));
+    let reds = names.iter().filter_map(|name| name.strip_suffix('R'));
+    let mut colors =
+        reds.filter(|p| p.is_empty() || p.ends_with("Combined.")).map(|prefix| of(["R", "G", "B"], prefix));
+    let grey = || (has("Y") && !has("RY") && !has("BY")).then(|| of(["Y"; 3], ""));
+    colors.find(|all| all.iter().all(|name| has(name))).or_else(grey).map(Into::into)
 }
 
 /// The names of a layer's three channels, or three times the name of its only one.

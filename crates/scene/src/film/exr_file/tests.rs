@@ -203,15 +203,23 @@ fn half_floats_and_blenders_layer_names_are_read() {
 }
 
 #[test]
-fn a_picture_without_colour_says_what_it_has() {
+fn grey_pictures_are_read_and_what_has_neither_grey_nor_colour_says_what_it_has() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("z.exr");
-    let channels = [AnyChannel::new(text("Z"), FlatSamples::F32(vec![0.0; 4]))];
-    let channels = AnyChannels::sort(channels.into_iter().collect());
-    Image::from_channels((2, 2), channels).write().to_file(&path).unwrap();
-    let error = read(&path).unwrap_err();
-    assert_eq!(error.exit_code(), 65);
-    assert!(error.to_string().contains("no channels R, G and B but Z"), "{error}");
+    let of = |names: &[&str]| {
+        let channel = |(name, x): (&&str, f32)| AnyChannel::new(text(name), FlatSamples::F32(vec![x; 4]));
+        let channels = AnyChannels::sort(names.iter().zip([0.25, 0.5, 1.0]).map(channel).collect());
+        Image::from_channels((2, 2), channels).write().to_file(&path).unwrap();
+        read(&path)
+    };
+    let (grey, cut) = (of(&["Y"]).unwrap(), of(&["Y", "A"]).unwrap());
+    assert_eq!((&grey.rgb, &grey.alpha), (&vec![[0.25; 3]; 4], &None));
+    assert_eq!((cut.rgb, cut.alpha), (grey.rgb, Some(vec![0.5; 4])));
+    for (names, all) in [(&["Z"][..], "Z"), (&["Y", "BY", "RY"], "BY, RY, Y")] {
+        let error = of(names).unwrap_err();
+        assert_eq!(error.exit_code(), 65);
+        assert!(error.to_string().contains(&format!("no channels R, G and B but {all}")), "{error}");
+    }
 }
 
 #[test]

@@ -15,10 +15,12 @@ mod report;
 mod source;
 mod summary;
 
+use std::cell::Cell;
 use std::io::Read;
 use std::path::Path;
 use std::time::Instant;
 
+use glam::DVec3;
 use serde_json::Value;
 
 pub use environment::{EnvironmentFile, EnvironmentSize, environment};
@@ -91,11 +93,20 @@ impl SceneFiles {
         };
         let mut build = || -> Result<Scene> {
             let mut notes = Notes::default();
-            let parse = |json: &Value| document::Document::parse(source, json, options, &mut Notes::default());
+            let origin = Cell::new(DVec3::ZERO);
+            let parse_noted = |json: &Value, notes: &mut Notes| -> Result<document::Document> {
+                Ok(document::Document {
+                    origin: origin.get(),
+                    ..document::Document::parse(source, json, options, notes)?
+                })
+            };
+            let parse = |json: &Value| parse_noted(json, &mut Notes::default());
             let (json, bytes) = (&source.json, source.file_bytes);
             let (mut posed, mut time_samples, mut adjacent_frames) = (None, Vec::new(), Vec::new());
             if let Some(pose) = &options.pose {
-                let at_rest = parse(json)?;
+                let mut at_rest = parse(json)?;
+                at_rest.origin = build::origin(&at_rest);
+                origin.set(at_rest.origin);
                 // The picture's own time lies within the shutter, so that the rest of the scene agrees with it.
                 let offset = pose.shutter.map_or(0.0, |shutter| 0.0_f64.clamp(shutter.opens, shutter.closes));
                 let own = Pose { seconds: pose.seconds + offset, ..pose.clone() };
@@ -106,7 +117,10 @@ impl SceneFiles {
                 let frames = pose.frame.into_iter().flat_map(|frame| [pose.seconds - frame, pose.seconds + frame]);
                 adjacent_frames = frames.map(time_sample).collect::<Result<Vec<_>>>()?;
             }
-            let document = document::Document::parse(source, posed.as_ref().unwrap_or(json), options, &mut notes)?;
+            let mut document = parse_noted(posed.as_ref().unwrap_or(json), &mut notes)?;
+            if posed.is_none() {
+                document.origin = build::origin(&document);
+            }
             report.generator.clone_from(&document.generator);
             let shutter_samples = time_samples.len();
             time_samples.extend(adjacent_frames);

@@ -5,7 +5,7 @@ use serde::Serialize;
 use super::build::{image_bytes, mesh_bytes};
 use super::report::{Note, NoteKind, SceneCounts};
 use super::{ImportReport, Imported};
-use crate::scene::{AlphaMode, Material, Projection, PunctualKind, TextureSlot};
+use crate::scene::{AlphaMode, Material, Projection, PunctualKind, Scene, TextureSlot};
 
 /// Summary of a camera.
 #[derive(Debug, Clone, Serialize)]
@@ -28,6 +28,9 @@ pub struct CameraSummary {
     /// Far clipping plane, likewise.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub zfar: Option<f32>,
+    /// Why it cannot be used, if it is faulty; its projection is then a stand-in.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fault: Option<String>,
 }
 
 /// Summary of a punctual light.
@@ -164,7 +167,7 @@ pub fn summary(imported: &Imported) -> Summary {
         file_bytes: report.file_bytes,
         read_seconds: report.read_seconds,
         counts: report.counts.clone(),
-        cameras: scene.cameras.iter().enumerate().map(|(index, c)| camera(index, c)).collect(),
+        cameras: scene.cameras.iter().enumerate().map(|(index, c)| camera(scene, index, c)).collect(),
         lights: scene.lights.iter().map(light).collect(),
         has_emissive_meshes: scene.meshes.iter().any(|m| scene.materials[m.material as usize].is_emissive()),
         materials: scene
@@ -192,14 +195,14 @@ pub fn summary(imported: &Imported) -> Summary {
     }
 }
 
-fn camera(index: usize, camera: &crate::scene::Camera) -> CameraSummary {
+fn camera(scene: &Scene, index: usize, camera: &crate::scene::Camera) -> CameraSummary {
     let (projection, vertical) = match camera.projection {
         Projection::Perspective { yfov } => ("perspective", yfov.to_degrees()),
         Projection::Orthographic { ymag, .. } => ("orthographic", ymag),
         Projection::Panorama => ("panorama", 180.0),
         Projection::Calibrated(of) => (of.described().0, of.described().1 as f32),
     };
-    let position = camera.to_world.translation.to_array();
+    let position = (camera.to_world.translation.as_dvec3() + scene.origin).as_vec3().to_array();
     let znear = camera.clip.map(|[near, _]| near);
     let zfar = camera.clip.map(|[_, far]| far).filter(|far| far.is_finite());
     CameraSummary {
@@ -211,6 +214,7 @@ fn camera(index: usize, camera: &crate::scene::Camera) -> CameraSummary {
         position,
         znear,
         zfar,
+        fault: camera.fault.as_deref().map(Into::into),
     }
 }
 

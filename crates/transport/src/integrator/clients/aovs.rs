@@ -127,7 +127,7 @@ impl Aovs<'_> {
             }
             if let Some(extras) = self.extras.get_mut(pixel) {
                 let names = [transport.names.objects[instance as usize], transport.names.materials[material as usize]];
-                extras.add_surface(point.position, point.texcoords[0], names);
+                extras.add_surface(point.position + transport.scene.origin.as_vec3(), point.texcoords[0], names);
                 if transport.geometry.has_velocities {
                     extras.add_velocity(velocity(transport, hits.primitive(ray), (hits.u[ray], hits.v[ray])));
                 }

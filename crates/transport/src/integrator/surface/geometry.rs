@@ -279,11 +279,11 @@ impl Interpolated<'_> {
         self.scene.sample_texture(map, at).truncate()
     }
 
-    /// Unit tangent, bitangent and shading normal in world space, those of the coordinates that `map` transforms; `None` for
-    /// meshes without tangents.
+    /// Unit tangent, bitangent and shading normal in world space by these tangents of the mesh, those of the coordinates that
+    /// `map` transforms; `None` without tangents.
     #[inline(always)]
-    fn frame(&self, map: Option<&TextureRef>) -> Option<(Vec3, Vec3, Vec3)> {
-        let tangents = self.mesh.tangents.as_ref()?;
+    fn frame(&self, tangents: Option<&[[f32; 4]]>, map: Option<&TextureRef>) -> Option<(Vec3, Vec3, Vec3)> {
+        let tangents = tangents?;
         let [a, b, c] = self.index.map(|i| Vec4::from_array(tangents[i]));
         let ns = self.ns.normalize_or_zero();
         let (u, v) = self.barycentric;
@@ -337,7 +337,8 @@ impl Interpolated<'_> {
     #[inline(always)]
     fn mapped_normal(&self, slot: TextureSlot, scale: f32) -> Option<Vec3> {
         let map = self.material.textures[slot].as_ref()?;
-        let (tangent, bitangent, ns) = self.frame(Some(map))?;
+        let coat = self.mesh.coat_tangents.as_deref().filter(|_| slot == TextureSlot::ClearcoatNormal);
+        let (tangent, bitangent, ns) = self.frame(coat.or(self.mesh.tangents.as_deref()), Some(map))?;
         let n = self.texel(map) * 2.0 - Vec3::ONE;
         Some((tangent * (n.x * scale) + bitangent * (n.y * scale) + ns * n.z).normalize_or(ns))
     }
@@ -355,8 +356,10 @@ impl Interpolated<'_> {
             false => Vec3::ZERO,
         };
         let map = material.textures[TextureSlot::Anisotropy].as_ref();
-        let anisotropy_tangent =
-            self.frame(map).filter(|_| material.anisotropy > 0.0).map(|(tangent, bitangent, _)| {
+        let anisotropy_tangent = self
+            .frame(self.mesh.tangents.as_deref(), map)
+            .filter(|_| material.anisotropy > 0.0)
+            .map(|(tangent, bitangent, _)| {
                 let along = map.map_or(Vec2::X, |map| self.texel(map).truncate() * 2.0 - Vec2::ONE);
                 let along = Vec2::from_angle(material.anisotropy_rotation).rotate(along.normalize_or(Vec2::X));
                 tangent * along.x + bitangent * along.y

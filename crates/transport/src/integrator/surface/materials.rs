@@ -158,7 +158,7 @@ fn boxes_of_bodies(scene: &Scene) -> (Vec<[Vec3; 2]>, bool, HashMap<[u32; 2], f3
         return Default::default();
     }
     let is_body = |mesh: &Mesh| scene.materials[mesh.material as usize].bounds_body();
-    let (bodies, mut boxes): (Vec<_>, Vec<_>) = scene.boxes(is_body).unzip();
+    let (bodies, mut boxes): (Vec<_>, Vec<_>) = scene.boxes(|_, mesh| is_body(mesh)).unzip();
     let size = |[low, high]: &[Vec3; 2]| (*high - *low).element_sum();
     let sizes = bodies.into_iter().zip(boxes.iter().map(size)).collect();
     if scene.meshes.iter().zip(scene.moving_meshes()).any(|(mesh, moves)| moves && is_body(mesh)) {

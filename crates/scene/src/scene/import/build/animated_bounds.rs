@@ -16,7 +16,7 @@ use super::transforms::is_visible;
 use crate::error::Result;
 use crate::scene::import::document::Document;
 use crate::scene::import::document::attributes::Semantic;
-use crate::scene::import::document::nodes::{top_nodes, world_transforms};
+use crate::scene::import::document::nodes::top_nodes;
 use crate::scene::import::document::primitives::Primitive;
 use crate::scene::import::options::Pose;
 use crate::scene::{AnimatedBounds, Framing, MAX_COORDINATE};
@@ -131,7 +131,7 @@ impl Played {
     /// points of surfaces that do not move. Faulty elements are left out; where they are shown, reading them is an error.
     pub fn reach(&self, reader: &mut Reader, json: &Value, still: &VisitPoints) -> Option<AnimatedBounds> {
         let document = reader.document;
-        let base = world_transforms(&document.nodes);
+        let base = document.world_transforms();
         let shown = self.shown(reader);
         let parts = self.parts(document, json, &base);
         let part_of: HashMap<usize, usize> = parts.iter().enumerate().map(|(i, part)| (part.node, i)).collect();
@@ -186,10 +186,10 @@ impl Played {
             let joints = skin.map_or_else(|| vec![node], |skin| skin.joints.clone());
             vertices.retain(|v| v.joints.iter().all(|(joint, _)| *joint < joints.len()));
             let of_mesh = document.meshes.get(mesh).map(|mesh| &mesh.weights[..]).unwrap_or_default();
-            let (base, rest) = match &content.weights {
-                Some(own) => (format!("/nodes/{node}/weights"), &own[..]),
-                None => (format!("/meshes/{mesh}/weights"), of_mesh),
-            };
+            let rest = content.weights.as_deref().unwrap_or(of_mesh);
+            let own = format!("/nodes/{node}/weights");
+            let is_own = content.weights.is_some() || self.tracks.keys().any(|pointer| pointer.starts_with(&own));
+            let base = if is_own { own } else { format!("/meshes/{mesh}/weights") };
             let one = |(i, rest): (usize, &f32)| (f64::from(*rest), self.tracks.get(&format!("{base}/{i}")));
             let weights: Vec<_> = rest.iter().enumerate().map(one).collect();
             let bind = |(joint, node): (usize, usize)| (node, binds.get(joint).copied().unwrap_or(DMat4::IDENTITY));
@@ -204,7 +204,7 @@ impl Played {
         let nodes = &document.nodes;
         let mut parts = Vec::new();
         let mut stack: Vec<(usize, DAffine3, Option<usize>, bool)> =
-            top_nodes(nodes).into_iter().map(|i| (i, DAffine3::IDENTITY, None, true)).collect();
+            top_nodes(nodes).into_iter().map(|i| (i, document.base(), None, true)).collect();
         while let Some((node, parent, mut moving_parent, mut visible)) = stack.pop() {
             let own = nodes[node].content().is_ok_and(|content| content.visible);
             if self.moved[node] {
@@ -303,7 +303,10 @@ fn vertices(reader: &mut Reader, mesh: usize, skinned: bool) -> Result<Vec<Verte
     let primitives = &reader.document.meshes.get(mesh)?.primitives;
     reader.unpack(primitives.iter())?;
     for primitive in primitives {
-        if primitive.mode >= 4 {
+        let fades = |index: usize| reader.document.fades(index);
+        let plain = |index: usize| reader.document.materials.get(index).ok().map(|material| &material.plain);
+        let seen = |index| fades(index) || plain(index).is_none_or(|plain| plain.shows(1.0));
+        if primitive.mode >= 4 && primitive.material.is_none_or(seen) {
             read(reader, primitive, skinned, &mut all)?;
         }
     }

@@ -11,7 +11,7 @@ use super::reader::Reader;
 use crate::error::Result;
 use crate::scene::import::options::Pose;
 use crate::scene::import::report::Note;
-use crate::scene::{Image, Material, Mesh};
+use crate::scene::{AlphaMode, Image, Material, Mesh};
 
 /// Results that later imports of the same files reuse.
 #[derive(Debug, Default)]
@@ -43,8 +43,9 @@ pub struct CacheKey {
     lost: Option<[u64; 3]>,
 }
 
-/// Attributes that a material needs: the texture coordinate set that tangents follow, and whether each set is sampled.
-pub type AttributeNeeds = (Option<u8>, BTreeSet<u8>);
+/// What of meshes depends on their material: the texture coordinate sets that tangents follow, those that are sampled, and the bits
+/// of its alpha and cutoff.
+pub type AttributeNeeds = ([Option<u8>; 2], BTreeSet<u8>, Option<[u32; 2]>);
 
 /// An object's meshes; in world space if it is placed once.
 #[derive(Debug)]
@@ -79,9 +80,16 @@ impl CacheKey {
     }
 }
 
-/// Attributes that a material needs.
-pub fn attribute_needs(material: &Material) -> AttributeNeeds {
-    (material.tangent_set(), material.textures.iter().map(|t| t.set).collect())
+/// What of meshes depends on their material; `fades` as in [`super::primitive::read`].
+pub fn attribute_needs((material, fades): (&Material, bool)) -> AttributeNeeds {
+    let alpha = |cutoff: f32| Some([material.base_color.w, cutoff].map(f32::to_bits));
+    let alpha = match material.alpha_mode {
+        _ if fades => None,
+        AlphaMode::Opaque => None,
+        AlphaMode::Mask(cutoff) => alpha(cutoff),
+        AlphaMode::Blend => alpha(-1.0),
+    };
+    (material.tangent_sets(), material.textures.iter().map(|t| t.set).collect(), alpha)
 }
 
 impl ImportCache {

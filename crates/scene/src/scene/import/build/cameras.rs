@@ -14,5 +14,5 @@ pub fn place(from: &Camera, name: String, world: &DAffine3) -> Option<scene::Cam
     let to_world = DAffine3 { matrix3: DMat3::from_cols(y.cross(z), y, z), translation: world.translation };
     let to_world = to_world.as_affine3a();
     let placed = scene::Camera::new(name, from.projection, to_world);
-    to_world.is_finite().then_some(scene::Camera { aspect: from.aspect, clip: Some(from.clip), ..placed })
+    to_world.is_finite().then_some(scene::Camera { aspect: from.aspect, clip: from.clip, ..placed })
 }

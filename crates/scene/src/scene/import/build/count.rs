@@ -9,7 +9,7 @@ pub fn mesh_bytes(mesh: &Mesh) -> u64 {
     let bytes = size_of_val(&mesh.positions[..])
         + size_of_val(&mesh.indices[..])
         + mesh.normals.as_deref().map_or(0, size_of_val)
-        + mesh.tangents.as_deref().map_or(0, size_of_val)
+        + [&mesh.tangents, &mesh.coat_tangents].map(|t| t.as_deref().map_or(0, size_of_val)).iter().sum::<usize>()
         + texcoords.map(|set| size_of_val(&set[..])).sum::<usize>()
         + mesh.colors.as_deref().map_or(0, size_of_val)
         + mesh.motion.as_ref().map_or(0, Deformation::bytes);

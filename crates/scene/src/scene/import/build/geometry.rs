@@ -16,8 +16,8 @@ pub struct Geometry {
     pub source: Option<Vec<u32>>,
     /// Numbers that were not finite and had no effect: weights of joints, deltas of morph targets.
     pub mended: usize,
-    /// Texture coordinate set for which tangents must still be generated.
-    pub tangents_for: Option<u8>,
+    /// Texture coordinate sets for which tangents must still be made, of the mesh and of its coat.
+    pub tangents_for: [Option<u8>; 2],
 }
 
 fn point(g: &Geometry, i: u32) -> DVec3 {
@@ -75,6 +75,17 @@ impl Geometry {
         self.mesh.indices = indices;
     }
 
+    /// Removes triangles of whose vertices none has an alpha that `shows`, with a note.
+    pub fn drop_clear(&mut self, shows: impl Fn(f32) -> bool, at: &str, notes: &mut Notes) {
+        let before = self.mesh.indices.len();
+        let colors = self.mesh.colors.as_ref();
+        let alpha = |t: &[u32; 3]| colors.map_or(1.0, |c| t.iter().map(|&i| c[i as usize][3]).fold(0.0, f32::max));
+        self.mesh.indices.retain(|t| shows(alpha(t)));
+        if self.mesh.indices.len() < before {
+            notes.not_loaded(at, "triangles that nothing can see: their alpha is 0, or below the cutoff");
+        }
+    }
+
     /// Removes triangles without area, with a note.
     pub fn drop_degenerate(&mut self, at: &str, notes: &mut Notes) {
         let before = self.mesh.indices.len();
@@ -108,7 +119,8 @@ impl Geometry {
         self.mesh.positions = Positions::new(from.iter().map(|&i| self.mesh.positions[i as usize]).collect());
         self.source.iter_mut().for_each(|v| pick(v, from));
         self.mesh.normals.iter_mut().for_each(|v| pick(v, from));
-        self.mesh.tangents.iter_mut().for_each(|v| pick(v, from));
+        let mesh = &mut self.mesh;
+        [&mut mesh.tangents, &mut mesh.coat_tangents].into_iter().flatten().for_each(|v| pick(v, from));
         self.mesh.texcoords.iter_mut().flatten().for_each(|v| pick(v, from));
         self.mesh.more_texcoords.iter_mut().for_each(|(_, v)| pick(v, from));
         self.mesh.colors.iter_mut().for_each(|v| pick(v, from));
@@ -158,15 +170,15 @@ impl Geometry {
         self.mesh.indices = (0..triangles.len() as u32).map(|i| [0, 1, 2].map(|corner| 3 * i + corner)).collect();
     }
 
-    /// Merges the corners of an unwelded mesh whose original vertex (`origin`) and tangent are equal.
+    /// Merges the corners of an unwelded mesh whose original vertex (`origin`) and tangents are equal.
     pub fn weld(&mut self, origin: &[u32]) {
-        let mut by_key: HashMap<(u32, [u32; 4]), u32> = HashMap::new();
+        let mut by_key: HashMap<(u32, [[u32; 4]; 2]), u32> = HashMap::new();
         let mut kept: Vec<u32> = Vec::new();
-        let tangents = self.mesh.tangents.as_ref();
+        let tangents = [&self.mesh.tangents, &self.mesh.coat_tangents];
         let mut target = Vec::with_capacity(origin.len());
         for (corner, &vertex) in (0..).zip(origin) {
-            let tangent = tangents.map_or([0; 4], |t| t[corner as usize].map(f32::to_bits));
-            target.push(*by_key.entry((vertex, tangent)).or_insert_with(|| {
+            let bits = tangents.map(|t| t.as_ref().map_or([0; 4], |t| t[corner as usize].map(f32::to_bits)));
+            target.push(*by_key.entry((vertex, bits)).or_insert_with(|| {
                 kept.push(corner);
                 (kept.len() - 1) as u32
             }));

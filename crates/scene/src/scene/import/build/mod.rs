@@ -34,7 +34,7 @@ use tracing::debug;
 use crate::error::Result;
 use crate::scene::import::document::Document;
 use crate::scene::import::document::extensions::{Support, support};
-use crate::scene::import::document::primitives::Mesh as MeshOfDocument;
+use crate::scene::import::document::primitives::{Mesh as MeshOfDocument, Primitive};
 use crate::scene::import::options::{Pose, Views};
 use crate::scene::import::report::{ImportReport, Notes};
 use crate::scene::{self, Camera, Framing, Instance, Motion, Object, Scene};
@@ -47,6 +47,7 @@ pub use count::{image_bytes, mesh_bytes};
 use deform::{MeshPose, MeshPoses};
 use materials::MaterialTable;
 use nodes::{FlattenedScene, ObjectKey, Placement, flatten};
+pub use placements::origin;
 use placements::{check_extent, corners, keep_visible, points, visit_points};
 pub use pose::posed;
 use primitive::Draft;
@@ -116,6 +117,7 @@ pub fn build(
     note_unplaced(document, &placed, &mut notes);
 
     let Assembly { mut reader, textures, materials, mut scene, framed_objects, drafts, reuse, played, .. } = assembly;
+    scene.origin = document.origin;
     let start = Instant::now();
     let finished: Vec<_> = drafts.into_par_iter().map(|(i, draft)| (i, Arc::new(draft.finish()))).collect();
     finished.into_iter().for_each(|(i, mesh)| scene.meshes[i] = mesh);
@@ -130,14 +132,14 @@ pub fn build(
         scene.reach.clone_from(reach);
         debug!("bounds over the animation: {:.6} s", start.elapsed().as_secs_f64());
     }
-    let framing = flattened.cameras.is_empty().then(|| match &scene.reach {
-        Some(reach) => reach.framing.clone(),
-        None => {
-            let mut framing = Framing::default();
-            visit_points(&scene, &framed_objects, &mut |p| framing.include(p));
-            framing
-        }
-    });
+    let fitted = |scene: &Scene| {
+        let mut framing = Framing::default();
+        visit_points(scene, &framed_objects, &mut |p| framing.include(p));
+        framing
+    };
+    let is_framed = flattened.cameras.is_empty();
+    let reached = || scene.reach.as_ref().map(|reach| reach.framing.clone());
+    let framing = is_framed.then(|| reached().unwrap_or_else(|| fitted(&scene)));
     if let Some(reuse) = reuse {
         cache.set_objects(reuse.current);
     }
@@ -149,6 +151,10 @@ pub fn build(
     scene.cameras = flattened.cameras;
     scene.cameras.extend(framing.map(Camera::framed));
     textures.decode(document, (file_bytes, views), cache, &mut scene, &mut notes)?;
+    // What has no alpha anywhere is known once its texture is.
+    if is_framed && scene.reach.is_none() && (0..scene.meshes.len() as u32).any(|mesh| !scene.is_seen(mesh)) {
+        scene.cameras = vec![Camera::framed(fitted(&scene))];
+    }
     report.counts = count(&scene);
     for name in document.extensions.keys().cloned() {
         match support(&name) {
@@ -318,6 +324,11 @@ impl Assembly<'_> {
         Ok(())
     }
 
+    /// May the animation that is played change the primitive's alpha? All its frames have one view.
+    fn fades(&self, primitive: &Primitive) -> bool {
+        self.reuse.is_some() && primitive.material.is_some_and(|index| self.document.fades(index))
+    }
+
     /// Morph weights and joint matrices at each time sample.
     fn forms(&mut self, key: &ObjectKey) -> Result<Vec<Form>> {
         let (time_samples, mut forms) = (self.time_samples, Vec::new());
@@ -364,11 +375,12 @@ impl Assembly<'_> {
             note_extensions(&primitive.at, &primitive.extensions, notes);
             // Points and lines are not rendered; reading them notes it.
             if primitive.mode < 4 {
-                primitive::read(&mut self.reader, primitive, &scene::Material::default(), poses, notes)?;
+                primitive::read(&mut self.reader, primitive, (&scene::Material::default(), false), poses, notes)?;
                 continue;
             }
             let material = self.materials.get(document, primitive.material, &mut self.textures, notes)?;
             let shading = &self.materials.materials[material as usize];
+            let shading = (shading, self.fades(primitive));
             if let Some(mut geometry) = primitive::read(&mut self.reader, primitive, shading, poses, notes)? {
                 lost.into_iter().for_each(|lost| geometry.drop_edge_on(lost));
                 if geometry.mesh.indices.is_empty() {
@@ -420,7 +432,7 @@ impl Assembly<'_> {
                 continue;
             }
             let material = self.materials.get(document, primitive.material, &mut self.textures, notes)?;
-            needs.push(attribute_needs(&self.materials.materials[material as usize]));
+            needs.push(attribute_needs((&self.materials.materials[material as usize], self.fades(primitive))));
             materials.push(material);
         }
         let previous = self.reuse.as_ref().and_then(|reuse| reuse.previous.get(&key));

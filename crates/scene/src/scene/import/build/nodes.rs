@@ -11,7 +11,8 @@ use super::unshown::note_extensions;
 use super::{cameras, lights};
 use crate::error::{Error, Result};
 use crate::scene::import::document::Document;
-use crate::scene::import::document::nodes::{Instancing, world_transforms};
+use crate::scene::import::document::cameras::STAND_IN;
+use crate::scene::import::document::nodes::Instancing;
 use crate::scene::import::report::Notes;
 use crate::scene::{Camera, Instance, LightNode, Motion, PunctualLight};
 
@@ -76,7 +77,7 @@ pub fn flatten(
     reader: &mut Reader,
     notes: &mut Notes,
 ) -> Result<FlattenedScene> {
-    let (nodes, worlds) = (&document.nodes, world_transforms(&document.nodes));
+    let (nodes, worlds) = (&document.nodes, document.world_transforms());
     let mut out = FlattenedScene::default();
     let mut by_key: HashMap<ObjectKey, usize> = HashMap::new();
     let mut shown = vec![false; nodes.len()];
@@ -94,7 +95,12 @@ pub fn flatten(
         stack.extend(node.children.iter().rev().map(|&child| (child, visible, inherited.clone())));
         note_extensions(&node.at, &content.extensions, notes);
         let world = worlds[index];
-        if let Some(camera) = content.camera.map(|c| document.cameras.get(c)).transpose()? {
+        if let Some(camera) = content.camera.map(|c| document.cameras.get(c)) {
+            // An error where it is the one that is rendered.
+            let (camera, fault) = match camera {
+                Ok(camera) => (camera, None),
+                Err(error) => (&STAND_IN, Some(error.to_string().into())),
+            };
             let name = if node.name == node.at { camera.name.clone() } else { None };
             match cameras::place(camera, name.unwrap_or_else(|| node.name.clone()), &world) {
                 Some(placed) => {
@@ -107,7 +113,7 @@ pub fn flatten(
                     let motion = Motion::new(&transforms.iter().map(to_f64).collect::<Vec<_>>()).map(Arc::new);
                     let adjacent_frames =
                         after.try_into().ok().filter(|adjacent_frames| *adjacent_frames != [placed.to_world; 2]);
-                    out.cameras.push(Camera { motion, adjacent_frames, ..placed });
+                    out.cameras.push(Camera { motion, adjacent_frames, fault, ..placed });
                 }
                 None => notes.ignored(&node.at, "a camera whose node has no direction or place"),
             }

@@ -192,6 +192,7 @@ fn set_property(json: &mut Value, pointer: &str, values: &[f64]) -> Result<bool>
     let Some((parent, name)) = pointer.rsplit_once('/').filter(|(parent, _)| parent.matches('/').count() > 1) else {
         return Ok(false);
     };
+    add_weights(json, parent);
     let Some(target) = resolve(json, parent) else { return Ok(false) };
     let value = match (name, values) {
         ("visible", [x]) => json!(*x != 0.0),
@@ -213,6 +214,19 @@ fn set_property(json: &mut Value, pointer: &str, values: &[f64]) -> Result<bool>
         _ => return Ok(false),
     }
     Ok(true)
+}
+
+/// Adds weights to a node or mesh that has none, whose weights a pointer names: those of the node's mesh, else zeros.
+fn add_weights(json: &mut Value, pointer: &str) {
+    let Some(path) = pointer.strip_suffix("/weights") else { return };
+    let Some(owner) = json.pointer(path).filter(|owner| owner.get("weights").is_none()) else { return };
+    let mesh = match owner.get("mesh").and_then(Value::as_u64) {
+        Some(mesh) if path.starts_with("/nodes/") => &json["meshes"][mesh as usize],
+        _ => owner,
+    };
+    let targets = mesh["primitives"][0]["targets"].as_array().map_or(0, Vec::len);
+    let weights = mesh.get("weights").cloned().unwrap_or_else(|| json!(vec![0.0; targets]));
+    json.pointer_mut(path).and_then(Value::as_object_mut).map(|owner| owner.insert("weights".into(), weights));
 }
 
 /// Resolves a JSON pointer. Creates absent objects whose members all have defaults.

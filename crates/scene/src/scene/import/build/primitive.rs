@@ -10,6 +10,7 @@ use crate::error::Result;
 use crate::scene::import::complaint::bad;
 use crate::scene::import::document::accessors::Shape;
 use crate::scene::import::document::attributes::Semantic;
+use crate::scene::import::document::extensions::SPLATS;
 use crate::scene::import::document::primitives::Primitive;
 use crate::scene::import::report::Notes;
 use crate::scene::{self, Deformation, Material, Positions};
@@ -25,7 +26,8 @@ pub struct Draft {
 impl Draft {
     /// Must tangents be generated?
     pub fn needs_tangents(&self) -> bool {
-        self.geometry.tangents_for.is_some() && self.geometry.mesh.tangents.is_none()
+        let [own, coat] = self.geometry.tangents_for;
+        coat.is_some() || own.is_some() && self.geometry.mesh.tangents.is_none()
     }
 
     /// A stand-in mesh with positions only.
@@ -37,9 +39,8 @@ impl Draft {
 
     /// The scene's mesh.
     pub fn finish(mut self) -> scene::Mesh {
-        if let Some(set) = self.geometry.tangents_for {
-            tangents::make(&mut self.geometry, set);
-        }
+        let sets = self.geometry.tangents_for;
+        tangents::make(&mut self.geometry, sets);
         let mut mesh = self.geometry.mesh;
         if let Some((world, adjacent_frames)) = self.world {
             bake(&mut mesh, &world, adjacent_frames);
@@ -48,14 +49,15 @@ impl Draft {
     }
 }
 
-/// Reads and checks one primitive. `None` if it has no triangles; a note says why.
+/// Reads and checks one primitive, without triangles that nothing can see unless the material `fades`. `None` if it has no triangles;
+/// a note says why.
 ///
 /// # Errors
 /// Data that breaks the specification.
 pub fn read(
     reader: &mut Reader,
     primitive: &Primitive,
-    material: &Material,
+    (material, fades): (&Material, bool),
     MeshPoses { picture: pose, shutter, adjacent_frames }: &MeshPoses,
     notes: &mut Notes,
 ) -> Result<Option<Geometry>> {
@@ -65,7 +67,11 @@ pub fn read(
         return Ok(None);
     };
     if primitive.mode < 4 {
-        notes.ignored(&primitive.at, "points and lines are not shown, only triangles");
+        let text = match primitive.extensions.iter().any(|name| name == SPLATS) {
+            true => format!("{} splats, not shown ({SPLATS})", reader.document.accessors.get(position)?.count),
+            false => "points and lines are not shown, only triangles".into(),
+        };
+        notes.ignored(&primitive.at, text);
         return Ok(None);
     }
     reader.check_stream(primitive)?;
@@ -76,7 +82,7 @@ pub fn read(
     let (normal, tangent) = (optional(Semantic::Normal), optional(Semantic::Tangent));
     g.mesh.normals = normal.map(|i| reader.floats::<3>(i)).transpose()?;
     // The specification ignores tangents without normals.
-    let tangent = tangent.filter(|_| material.tangent_set().is_some() && g.mesh.normals.is_some());
+    let tangent = tangent.filter(|_| material.tangent_sets()[0].is_some() && g.mesh.normals.is_some());
     g.mesh.tangents = tangent.map(|i| reader.floats::<4>(i)).transpose()?;
     if let Some(index) = optional(Semantic::Color(0)) {
         let colors = read_colors(reader, index, notes)?;
@@ -98,7 +104,7 @@ pub fn read(
                 }
             })
         } else {
-            let for_tangents = g.mesh.tangents.is_none() && material.tangent_set() == Some(set);
+            let for_tangents = g.mesh.tangents.is_none() && material.tangent_sets()[0] == Some(set);
             // The AOV `uv` shows TEXCOORD_0 of all surfaces with textures.
             let for_aov = set == 0 && material.textures.iter().next().is_some();
             index.filter(|_| for_tangents || for_aov).map(|i| reader.floats::<2>(i)).transpose()?
@@ -119,19 +125,19 @@ pub fn read(
     apply_pose(reader, primitive, pose, &mut g)?;
     g.mend_numbers(&primitive.at, notes);
     g.drop_not_finite(steps.iter().chain(&adjacent_frames), &primitive.at, notes);
+    g.drop_clear(|alpha| fades || material.shows(alpha), &primitive.at, notes);
     g.drop_degenerate(&primitive.at, notes);
     if g.mesh.indices.is_empty() {
-        notes.not_loaded(&primitive.at, "a primitive without a triangle of any area");
+        notes.not_loaded(&primitive.at, "a primitive without a triangle to see");
         return Ok(None);
     }
     g.compact();
     let sign = if g.repair_normals(&primitive.at, notes) { -1.0 } else { 1.0 };
-    g.tangents_for = material.tangent_set().filter(|&set| tangents::prepare(&mut g, set, &primitive.at, notes));
-    if g.source.is_some()
-        && let Some(set) = g.tangents_for.take()
-    {
+    g.tangents_for = tangents::prepare(&mut g, material.tangent_sets(), &primitive.at, notes);
+    if g.source.is_some() {
         // Tangent generation splits vertices; it must precede the other time samples, which use the same vertices.
-        tangents::make(&mut g, set);
+        let sets = std::mem::take(&mut g.tangents_for);
+        tangents::make(&mut g, sets);
     }
     if let Some(source) = g.source.take() {
         let pick = |values: &[[f32; 3]]| source.iter().map(|&i| values[i as usize]).collect::<Vec<_>>();
@@ -168,24 +174,26 @@ fn read_colors(reader: &mut Reader, index: usize, notes: &mut Notes) -> Result<V
 
 /// Triangles of modes 4 to 6 (list, strip, fan), with every index below `vertices`.
 fn read_triangles(reader: &mut Reader, p: &Primitive, vertices: usize, notes: &mut Notes) -> Result<Vec<[u32; 3]>> {
-    let list: Vec<u32> = match p.indices {
+    let (list, restart): (Vec<u32>, _) = match p.indices {
         None => {
             reader.budget.take(&p.at, vertices as u64, 4)?;
-            (0..vertices as u32).collect()
+            ((0..vertices as u32).collect(), None)
         }
         Some(index) => {
             let accessor = reader.document.accessors.get(index)?;
             let restart = u32::MAX >> (32 - 8 * accessor.component.size());
             let list: Vec<u32> = reader.integers::<1>(index)?.into_iter().map(|[i]| i).collect();
-            if let Some(i) = list.iter().position(|&v| v as usize >= vertices || v == restart) {
+            let restarts = p.mode > 4 && reader.document.extensions.contains_key("EXT_mesh_primitive_restart");
+            let ends = restarts.then_some(restart);
+            if let Some(i) = list.iter().position(|&v| (v as usize >= vertices || v == restart) && Some(v) != ends) {
                 let found = format!("{} as number {i}", list[i]);
                 return Err(bad(&accessor.at, format!("vertex indices below {} (and not {restart})", vertices), found));
             }
-            list
+            (list, ends)
         }
     };
     let n = list.len();
-    let corner = |i: usize| list[i];
+    let parts = list.split(|i| Some(*i) == restart).map(|part| (part, 0..part.len().saturating_sub(2)));
     reader.budget.take(&p.at, n as u64, 12)?;
     if p.mode == 4 && !n.is_multiple_of(3) {
         notes.repaired(&p.at, "a number of indices that is no multiple of 3: the last ones are dropped");
@@ -193,8 +201,8 @@ fn read_triangles(reader: &mut Reader, p: &Primitive, vertices: usize, notes: &m
     Ok(match p.mode {
         4 => list.as_chunks::<3>().0.to_vec(),
         // The specification's formulas for strips and fans.
-        5 => (0..n.saturating_sub(2)).map(|i| [corner(i), corner(i + 1 + i % 2), corner(i + 2 - i % 2)]).collect(),
-        _ => (0..n.saturating_sub(2)).map(|i| [corner(i + 1), corner(i + 2), corner(0)]).collect(),
+        5 => parts.flat_map(|(v, all)| all.map(|i| [v[i], v[i + 1 + i % 2], v[i + 2 - i % 2]])).collect(),
+        _ => parts.flat_map(|(v, all)| all.map(|i| [v[i + 1], v[i + 2], v[0]])).collect(),
     })
 }
 
@@ -223,7 +231,7 @@ fn bake(mesh: &mut scene::Mesh, world: &DAffine3, adjacent_frames: Option<[DAffi
     for n in normals.into_iter().chain(mesh.normals.iter_mut().flatten()) {
         transform_frame(&world.matrix3, Some(n), None);
     }
-    for t in mesh.tangents.iter_mut().flatten() {
+    for t in [&mut mesh.tangents, &mut mesh.coat_tangents].into_iter().flatten().flatten() {
         transform_frame(&world.matrix3, None, Some(t));
     }
     if world.matrix3.determinant() < 0.0 {

@@ -49,9 +49,10 @@ impl MikkGeometry for Mikk<'_> {
     }
 }
 
-/// Prepares a mesh for [`make`], which is slow and adds no notes: adds flat normals if there are none. Returns whether the
-/// mesh can have tangents for texture coordinate set `set`.
-pub fn prepare(g: &mut Geometry, set: u8, at: &str, notes: &mut Notes) -> bool {
+/// Prepares a mesh for [`make`], which is slow and adds no notes: adds flat normals if there are none. Returns the sets of those
+/// ([`Material::tangent_sets`](crate::scene::Material::tangent_sets)) for which the mesh can have tangents.
+pub fn prepare(g: &mut Geometry, sets: [Option<u8>; 2], at: &str, notes: &mut Notes) -> [Option<u8>; 2] {
+    let [Some(set), coat] = sets else { return [None; 2] };
     if g.mesh.normals.is_none() {
         g.unweld();
         let flat = |t: [u32; 3]| [cross(g, t).try_normalize().unwrap_or(DVec3::Y).as_vec3().to_array(); 3];
@@ -59,28 +60,36 @@ pub fn prepare(g: &mut Geometry, set: u8, at: &str, notes: &mut Notes) -> bool {
     }
     if g.mesh.tangents.is_none() && g.mesh.texcoord_set(set).is_none() {
         notes.approximated(at, "neither TANGENT nor texture coordinates: highlights are isotropic");
-        return false;
+        return [coat, None];
     }
-    if g.mesh.tangents.is_none() {
+    if g.mesh.tangents.is_none() || coat.is_some() {
         notes.convention(at, "tangents are not in the file: made by MikkTSpace");
     }
-    true
+    sets
 }
 
-/// Adds unit tangents for texture coordinate set `set`.
-pub fn make(g: &mut Geometry, set: u8) {
-    if g.mesh.tangents.is_none() {
-        generate(g, set);
+/// Adds unit tangents for these texture coordinate sets, of the mesh and of its coat. The file's are of the former.
+pub fn make(g: &mut Geometry, [set, coat]: [Option<u8>; 2]) {
+    let own: fn(&mut Mesh) -> &mut Tangents = |mesh| &mut mesh.tangents;
+    let of_coat: fn(&mut Mesh) -> &mut Tangents = |mesh| &mut mesh.coat_tangents;
+    for (set, place) in [(set, own), (coat, of_coat)] {
+        if let Some(set) = set.filter(|_| place(&mut g.mesh).is_none()) {
+            generate(g, set, place);
+        }
     }
-    let (Some(tangents), Some(normals)) = (&mut g.mesh.tangents, &g.mesh.normals) else { return };
-    for (t, n) in tangents.iter_mut().zip(normals) {
-        let unit = Vec3::new(t[0], t[1], t[2]).as_dvec3().try_normalize().map(|d| d.as_vec3());
-        let unit = unit.unwrap_or_else(|| Vec3::from(*n).any_orthonormal_vector());
-        *t = [unit.x, unit.y, unit.z, if t[3] < 0.0 { -1.0 } else { 1.0 }];
+    let Mesh { tangents, coat_tangents, normals: Some(normals), .. } = &mut g.mesh else { return };
+    for tangents in [tangents, coat_tangents].into_iter().flatten() {
+        for (t, n) in tangents.iter_mut().zip(&*normals) {
+            let unit = Vec3::new(t[0], t[1], t[2]).as_dvec3().try_normalize().map(|d| d.as_vec3());
+            let unit = unit.unwrap_or_else(|| Vec3::from(*n).any_orthonormal_vector());
+            *t = [unit.x, unit.y, unit.z, if t[3] < 0.0 { -1.0 } else { 1.0 }];
+        }
     }
 }
 
-fn generate(g: &mut Geometry, set: u8) {
+type Tangents = Option<Vec<[f32; 4]>>;
+
+fn generate(g: &mut Geometry, set: u8, place: fn(&mut Mesh) -> &mut Tangents) {
     let (Some(normals), Some(texcoords)) = (&g.mesh.normals, g.mesh.texcoord_set(set)) else { return };
     let mut mikk = Mikk { mesh: &g.mesh, texcoords, normals, tangents: vec![[0.0; 4]; 3 * g.mesh.indices.len()] };
     if generate_tangents(&mut mikk).is_err() {
@@ -90,6 +99,6 @@ fn generate(g: &mut Geometry, set: u8) {
     // MikkTSpace gives one tangent per corner; a vertex whose corners differ is split.
     let origin: Vec<u32> = g.mesh.indices.iter().flatten().copied().collect();
     g.unweld();
-    g.mesh.tangents = Some(tangents);
+    *place(&mut g.mesh) = Some(tangents);
     g.weld(&origin);
 }

@@ -409,8 +409,18 @@ fn drop_textures(scene: &mut Scene, left: &[Option<u32>]) {
         }
     }
     for mesh in &mut scene.meshes {
-        if mesh.tangents.is_some() && scene.materials[mesh.material as usize].tangent_set().is_none() {
+        let material = &scene.materials[mesh.material as usize];
+        let [own, coat] = material.tangent_sets();
+        if mesh.tangents.is_some() && own.is_none() {
             Arc::make_mut(mesh).tangents = None;
+        }
+        if mesh.coat_tangents.is_some() && coat.is_none() {
+            let mesh = Arc::make_mut(mesh);
+            let left = mesh.coat_tangents.take();
+            // Its map may be the only one that is left.
+            if material.textures[TextureSlot::ClearcoatNormal].is_some() {
+                mesh.tangents = left;
+            }
         }
     }
 }

@@ -7,7 +7,6 @@ use super::{lights, pose};
 use crate::error::Result;
 use crate::scene::LightKey;
 use crate::scene::import::document::Document;
-use crate::scene::import::document::nodes::world_transforms;
 use crate::scene::import::options::{Pose, Shutter};
 use crate::scene::import::report::Notes;
 use crate::scene::motion::MAX_STEPS;
@@ -77,7 +76,7 @@ pub fn time_samples(pose: &Pose, time_sample: &dyn Fn(f64) -> Result<TimeSample>
 
 impl TimeSample {
     fn from_document(document: &Document) -> Result<Self> {
-        let worlds = world_transforms(&document.nodes);
+        let worlds = document.world_transforms();
         let (mut weights, mut keys) = (Vec::new(), Vec::new());
         for (node, world) in document.nodes.iter().zip(&worlds) {
             // Faults of shown nodes are reported for the document at the picture's own time.

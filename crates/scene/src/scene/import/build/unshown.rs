@@ -4,7 +4,7 @@ use std::collections::HashSet;
 
 use crate::error::Result;
 use crate::scene::import::document::Document;
-use crate::scene::import::document::extensions::{Support, support};
+use crate::scene::import::document::extensions::{SPLATS, Support, support};
 use crate::scene::import::report::Notes;
 
 /// Notes that concern the file as a whole.
@@ -36,7 +36,8 @@ pub fn note_document(document: &Document, variant: bool, posed: bool, notes: &mu
 
 /// Notes the extensions of a shown element that are ignored.
 pub fn note_extensions(at: &str, extensions: &[String], notes: &mut Notes) {
-    for name in extensions {
+    // Splats are noted with their number.
+    for name in extensions.iter().filter(|name| *name != SPLATS) {
         if let Support::Ignored(why) = support(name) {
             notes.ignored(&format!("{at}.extensions.{name}"), format!("{name}: {why}"));
         }

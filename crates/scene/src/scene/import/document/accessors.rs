@@ -9,6 +9,9 @@ use super::table::Table;
 use crate::error::Result;
 use crate::scene::import::complaint::bad;
 
+/// What to say of `normalized` where it means nothing.
+pub const NOT_NORMALIZED: &str = "normalized, which means nothing here";
+
 /// A range of a buffer.
 #[derive(Debug)]
 pub struct View {
@@ -30,9 +33,10 @@ impl View {
             return Err(json.bad("byteLength", "at least 1", 0));
         }
         let stride = json.integer("byteStride")?;
-        if let Some(stride) = stride.filter(|s| !(4..=252).contains(s) || s % 4 != 0) {
-            return Err(json.bad("byteStride", "a multiple of 4 from 4 to 252", stride));
+        if stride.is_some_and(|s| !(4..=252).contains(&s) || s % 4 != 0) {
+            json.repaired("byteStride", "no multiple of 4 from 4 to 252: used as it is, and 0 as none");
         }
+        let stride = stride.filter(|stride| *stride > 0);
         let compressed = match buffers.get(buffer) {
             Ok(buffer) if buffer.has_data() => None,
             _ => Meshopt::parse(json)?,
@@ -116,9 +120,10 @@ impl Accessor {
         if count == 0 {
             return Err(json.bad("count", "at least 1", 0));
         }
-        let normalized = json.boolean("normalized", false)?;
+        let mut normalized = json.boolean("normalized", false)?;
         if normalized && matches!(component, Component::U32 | Component::F32) {
-            return Err(json.bad("normalized", "false for FLOAT and UNSIGNED_INT", true));
+            json.repaired("normalized", NOT_NORMALIZED);
+            normalized = false;
         }
         let view = json.index("bufferView", "bufferViews")?;
         let offset = json.integer("byteOffset")?.unwrap_or(0);
@@ -129,7 +134,7 @@ impl Accessor {
             check_range(json, view, offset, count, accessor.stride(view), accessor.element_bytes(), alignment)?;
         }
         let sparse = json.get("sparse")?.map(|sparse| parse_sparse(&sparse, &accessor, views)).transpose()?;
-        Ok(Self { sparse, ..accessor })
+        Ok(Self { sparse: sparse.flatten(), ..accessor })
     }
 
     /// Number of columns of an element; above 1 for matrices.
@@ -159,7 +164,20 @@ impl Accessor {
     }
 }
 
-/// Checks that `count` elements of `size` bytes, `stride` bytes apart from `offset`, are aligned and lie inside the view.
+/// Checks that a member's view has no stride, or the size in bytes of what lies in it.
+pub fn check_tight(json: &Json, key: &str, view: &View, size: u64) -> Result<()> {
+    match view.stride {
+        None => {}
+        Some(stride) if stride == size => {
+            json.repaired(key, "a byteStride, which such data does not have, of the elements' own size");
+        }
+        Some(_) => return Err(json.bad(key, "a view without byteStride", &view.at)),
+    }
+    Ok(())
+}
+
+/// Checks that `count` elements of `size` bytes, `stride` bytes apart from `offset`, lie inside the view; notes those that are not
+/// aligned.
 fn check_range(
     json: &Json,
     view: &View,
@@ -173,10 +191,8 @@ fn check_range(
     if stride < size {
         return bad(format!("a stride of at least {size} bytes in {}", view.at), stride.to_string());
     }
-    let start = offset.checked_add(view.offset);
-    if !offset.is_multiple_of(alignment) || !start.is_some_and(|s| s.is_multiple_of(alignment)) {
-        let found = format!("{offset} in {}, which starts at byte {}", view.at, view.offset);
-        return bad(format!("a position in the buffer that is a multiple of {alignment}"), found);
+    if !offset.is_multiple_of(alignment) || !view.offset.is_multiple_of(alignment) {
+        json.repaired("byteOffset", "data that is not aligned to the size of its numbers");
     }
     let end = (count - 1).checked_mul(stride).and_then(|n| n.checked_add(size)).and_then(|n| n.checked_add(offset));
     if end.is_none_or(|end| end > view.length) {
@@ -186,17 +202,19 @@ fn check_range(
     Ok(())
 }
 
-fn parse_sparse(json: &Json, accessor: &Accessor, views: &Table<View>) -> Result<Sparse> {
+/// `None` if it replaces no element.
+fn parse_sparse(json: &Json, accessor: &Accessor, views: &Table<View>) -> Result<Option<Sparse>> {
     let count = json.need("count", json.integer("count")?)?;
-    if count == 0 || count > accessor.count {
+    if count == 0 {
+        json.repaired("count", "sparse storage of 0 elements changes nothing");
+        return Ok(None);
+    }
+    if count > accessor.count {
         return Err(json.bad("count", format!("1 to {}", accessor.count), count));
     }
     let part = |key: &str| -> Result<(Json, usize, u64)> {
         let part = json.need(key, json.get(key)?)?;
         let view = part.need("bufferView", part.index("bufferView", "bufferViews")?)?;
-        if views.get(view)?.stride.is_some() {
-            return Err(part.bad("bufferView", "a view without byteStride", &views.get(view)?.at));
-        }
         let offset = part.integer("byteOffset")?.unwrap_or(0);
         Ok((part, view, offset))
     };
@@ -206,9 +224,11 @@ fn parse_sparse(json: &Json, accessor: &Accessor, views: &Table<View>) -> Result
         return Err(indices.bad("componentType", "5121, 5123 or 5125", component_name(index_component)));
     }
     let size = index_component.size() as u64;
+    check_tight(&indices, "bufferView", views.get(index_view)?, size)?;
     check_range(&indices, views.get(index_view)?, index_offset, count, size, size, size)?;
     let (values, value_view, value_offset) = part("values")?;
     let size = accessor.element_bytes();
+    check_tight(&values, "bufferView", views.get(value_view)?, size)?;
     check_range(&values, views.get(value_view)?, value_offset, count, size, size, accessor.component.size() as u64)?;
-    Ok(Sparse { count, index_view, index_offset, index_component, value_view, value_offset })
+    Ok(Some(Sparse { count, index_view, index_offset, index_component, value_view, value_offset }))
 }

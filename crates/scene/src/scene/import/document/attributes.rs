@@ -2,11 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use super::accessors::{Accessor, Component, Shape};
+use super::accessors::{Accessor, Component, NOT_NORMALIZED, Shape};
 use super::json::Json;
 use super::table::Table;
 use crate::error::Result;
-use crate::scene::import::report::Notes;
 
 /// Meaning of an attribute. Sets above 1 are checked but not read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -56,7 +55,7 @@ impl Semantic {
             Self::Tangent => a.shape == if morph { Shape::Vec3 } else { Shape::Vec4 } && (float || quantized && snorm),
             Self::TexCoord(_) => a.shape == Shape::Vec2 && (float || unorm || quantized && small || morph && snorm),
             Self::Color(_) => matches!(a.shape, Shape::Vec3 | Shape::Vec4) && (float || unorm || morph && snorm),
-            Self::Joints(_) => a.shape == Shape::Vec4 && !a.normalized && matches!(a.component, U8 | U16),
+            Self::Joints(_) => a.shape == Shape::Vec4 && matches!(a.component, U8 | U16),
             Self::Weights(_) => a.shape == Shape::Vec4 && (float || unorm),
         }
     }
@@ -86,7 +85,6 @@ pub fn parse_attributes(
     morph: bool,
     quantized: bool,
     all_accessors: &mut Vec<usize>,
-    notes: &mut Notes,
 ) -> Result<Attributes> {
     let mut attributes = Attributes::new();
     for name in json.object()?.keys() {
@@ -96,12 +94,15 @@ pub fn parse_attributes(
             continue; // Application-specific.
         }
         let Some(semantic) = Semantic::parse(name) else {
-            notes.repaired(&json.path(name), format!("an attribute {name}, which the specification does not know"));
+            json.repaired(name, format!("an attribute {name}, which the specification does not know"));
             continue;
         };
         let accessor = accessors.get(index)?;
         if !semantic.allows(accessor, morph, quantized) {
             return Err(json.bad(name, semantic.formats(), accessor.format()));
+        }
+        if accessor.normalized && matches!(semantic, Semantic::Joints(_)) {
+            json.repaired(name, NOT_NORMALIZED);
         }
         attributes.insert(semantic, index);
     }

@@ -18,8 +18,12 @@ pub struct Camera {
     pub projection: Projection,
     pub aspect: Option<f32>,
     /// [`crate::scene::Camera::clip`].
-    pub clip: [f32; 2],
+    pub clip: Option<[f32; 2]>,
 }
+
+/// In the place of a faulty one.
+pub const STAND_IN: Camera =
+    Camera { name: None, projection: Projection::Perspective { yfov: 1.0 }, aspect: None, clip: None };
 
 /// Parses and checks a camera.
 pub fn parse(json: &Json) -> Result<Camera> {
@@ -49,5 +53,6 @@ pub fn parse(json: &Json) -> Result<Camera> {
         }
         _ => return Err(json.bad("type", "\"perspective\" or \"orthographic\"", kind)),
     };
-    Ok(Camera { name: from.name.filter(|n| !n.is_empty()), projection, aspect, clip })
+    let clip = clip.map(|depth| if depth < f32::MAX { depth } else { f32::INFINITY });
+    Ok(Camera { name: from.name.filter(|n| !n.is_empty()), projection, aspect, clip: Some(clip) })
 }

@@ -2,6 +2,9 @@
 
 use crate::error::{Error, Result};
 
+/// Points that are no points.
+pub const SPLATS: &str = "KHR_gaussian_splatting";
+
 /// How an extension is treated.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Support {
@@ -39,16 +42,30 @@ pub fn support(name: &str) -> Support {
         | "KHR_meshopt_compression"
         | "KHR_texture_basisu"
         | "EXT_mesh_gpu_instancing"
+        | "EXT_mesh_primitive_restart"
         | "EXT_meshopt_compression"
         | "EXT_texture_webp" => Full,
-        "KHR_animation_pointer"
+        "AGI_articulations"
+        | "CESIUM_primitive_outline"
+        | "EXT_instance_features"
+        | "EXT_mesh_features"
+        | "EXT_mesh_manifold"
+        | "EXT_mesh_primitive_edge_visibility"
+        | "EXT_structural_metadata"
+        | "GRIFFEL_bim_data"
+        | "KHR_animation_pointer"
+        | "KHR_implicit_shapes"
         | "KHR_interactivity"
         | "KHR_node_hoverability"
         | "KHR_node_selectability"
+        | "KHR_physics_rigid_bodies"
         | "KHR_xmp"
         | "KHR_xmp_json_ld"
         | "MSFT_lod" => NoEffect,
         "MSFT_texture_dds" => Ignored("DDS is not read"),
+        // Those of vendors.
+        _ if name.to_ascii_lowercase().contains("metadata") => NoEffect,
+        SPLATS => Ignored("splats are not shown"),
         "EXT_lights_image_based" => Ignored("the file's own environment is not read: give one with --env"),
         _ => Ignored("not known to this renderer"),
     }
@@ -101,7 +118,7 @@ mod tests {
         // The names in the function above, as they are written there.
         let source = include_str!("extensions.rs").split("#[cfg(test)]").next().unwrap();
         let names =
-            source.split('"').filter(|text| ["KHR_", "EXT_", "MSFT_"].iter().any(|start| text.starts_with(start)));
+            source.split('"').filter(|text| text.starts_with(|c: char| c.is_ascii_uppercase()) && text.contains('_'));
         assert_eq!(listed, names.map(str::to_owned).collect());
     }
 }

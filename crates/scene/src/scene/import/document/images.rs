@@ -6,7 +6,6 @@ use super::accessors::View;
 use super::json::Json;
 use super::table::Table;
 use crate::error::{Error, Result};
-use crate::scene::import::report::Notes;
 use crate::scene::import::source::{Data, Source};
 use crate::scene::{Filter, Wrap};
 
@@ -50,13 +49,7 @@ impl Image {
                 }
                 (ImageData::Bytes(bytes.all()), bytes.length)
             }
-            (Ok(None), Some(index)) => {
-                let view = views.get(index)?;
-                if view.stride.is_some() {
-                    return Err(json.bad("bufferView", "a view without byteStride", &view.at));
-                }
-                (ImageData::View(index), view.length)
-            }
+            (Ok(None), Some(index)) => (ImageData::View(index), views.get(index)?.length),
             (Ok(None), None) => (ImageData::Nothing, 0),
         };
         Ok(Self { data, name, length, at: json.at.clone() })
@@ -72,7 +65,7 @@ pub struct Sampler {
 }
 
 impl Sampler {
-    pub fn parse(json: &Json, notes: &mut Notes) -> Result<Self> {
+    pub fn parse(json: &Json) -> Result<Self> {
         json.name()?;
         let wrap = |key: &str| match json.integer(key)?.unwrap_or(10497) {
             33071 => Ok(Wrap::ClampToEdge),
@@ -84,12 +77,12 @@ impl Sampler {
             9728 => Filter::Nearest,
             9729 => Filter::Linear,
             _ => {
-                notes.repaired(&json.path("magFilter"), "an unknown filter: linear is used");
+                json.repaired("magFilter", "an unknown filter: linear is used");
                 Filter::Linear
             }
         };
         if json.integer("minFilter")?.is_some_and(|f| !matches!(f, 9728 | 9729 | 9984..=9987)) {
-            notes.repaired(&json.path("minFilter"), "an unknown filter; minification filters are not used");
+            json.repaired("minFilter", "an unknown filter; minification filters are not used");
         }
         Ok(Self { wrap_s: wrap("wrapS")?, wrap_t: wrap("wrapT")?, filter })
     }

@@ -1,5 +1,6 @@
 //! JSON values with their path, so that every error says where it is.
 
+use std::cell::RefCell;
 use std::fmt::Display;
 use std::sync::Arc;
 
@@ -7,18 +8,24 @@ use serde_json::{Map, Value};
 
 use crate::error::{Error, Result};
 use crate::scene::import::complaint::bad;
+use crate::scene::import::report::Notes;
 
-/// A JSON value and its path (`meshes[3].primitives[0]`) in a document.
+/// A JSON value and its path (`meshes[3].primitives[0]`) in a document, with the document's notes.
 #[derive(Clone)]
 pub struct Json<'a> {
     root: &'a Value,
     value: &'a Value,
+    notes: &'a RefCell<Notes>,
     pub at: String,
 }
 
 impl<'a> Json<'a> {
-    pub fn root(value: &'a Value) -> Self {
-        Self { root: value, value, at: String::new() }
+    pub fn root(value: &'a Value, notes: &'a RefCell<Notes>) -> Self {
+        Self { root: value, value, notes, at: String::new() }
+    }
+
+    fn inside(&self, value: &'a Value, at: String) -> Self {
+        Self { root: self.root, value, notes: self.notes, at }
     }
 
     pub fn value(&self) -> &'a Value {
@@ -32,6 +39,11 @@ impl<'a> Json<'a> {
 
     pub fn bad(&self, key: &str, wanted: impl Display, found: impl Display) -> Error {
         bad(&self.path(key), wanted, found)
+    }
+
+    /// Notes a small fault of a member that has one sensible interpretation.
+    pub fn repaired(&self, key: &str, text: impl Into<String>) {
+        self.notes.borrow_mut().repaired(&self.path(key), text);
     }
 
     pub fn object(&self) -> Result<&'a Map<String, Value>> {
@@ -56,11 +68,8 @@ impl<'a> Json<'a> {
     }
 
     pub fn get(&self, key: &str) -> Result<Option<Json<'a>>> {
-        Ok(self.typed(key, "an object", |v| v.is_object().then_some(v))?.map(|value| Json {
-            root: self.root,
-            value,
-            at: self.path(key),
-        }))
+        let member = self.typed(key, "an object", |v| v.is_object().then_some(v))?;
+        Ok(member.map(|value| self.inside(value, self.path(key))))
     }
 
     /// The elements of an array, given by its path from here; empty if absent.
@@ -70,7 +79,7 @@ impl<'a> Json<'a> {
         }
         let Some(array) = self.typed(path, "an array", Value::as_array)? else { return Ok(Vec::new()) };
         let path = self.path(path);
-        let item = |(i, value)| Json { root: self.root, value, at: format!("{path}[{i}]") };
+        let item = |(i, value)| self.inside(value, format!("{path}[{i}]"));
         Ok(array.iter().enumerate().map(item).collect())
     }
 
@@ -134,6 +143,11 @@ impl<'a> Json<'a> {
         array.split('.').fold(self.root, |value, key| &value[key]).as_array().map_or(0, Vec::len)
     }
 
+    /// Is this the index of one of the document's accessors that has no elements?
+    pub fn is_empty_accessor(&self, index: usize) -> bool {
+        self.root["accessors"][index]["count"] == 0
+    }
+
     /// A number that is finite as a 32-bit float.
     pub fn number(&self, key: &str) -> Result<Option<f64>> {
         self.typed(key, "a number", finite)
@@ -176,14 +190,14 @@ impl<'a> Json<'a> {
         let holds_more = |value: &Value| value.is_object() || value.is_array();
         if let Value::Array(items) = self.value {
             for (i, value) in items.iter().enumerate().filter(|(_, value)| holds_more(value)) {
-                Json { root: self.root, value, at: format!("{}[{i}]", self.at) }.each_extension(seen)?;
+                self.inside(value, format!("{}[{i}]", self.at)).each_extension(seen)?;
             }
         }
         for (key, value) in self.value.as_object().into_iter().flatten().filter(|(key, _)| *key != "extras") {
             if key != "extensions" && !holds_more(value) {
                 continue;
             }
-            let member = Json { root: self.root, value, at: self.path(key) };
+            let member = self.inside(value, self.path(key));
             if key == "extensions" {
                 for (name, extension) in member.object()? {
                     if !extension.is_object() {

@@ -1,6 +1,6 @@
 //! Punctual lights of the document (KHR_lights_punctual).
 
-use std::f32::consts::{FRAC_PI_2, PI};
+use std::f32::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 use std::sync::Arc;
 
 use glam::Vec3;
@@ -10,7 +10,6 @@ use gltf::json::validation::Checked;
 use super::json::{Json, extra};
 use super::typed::read;
 use crate::error::Result;
-use crate::scene::import::report::Notes;
 use crate::scene::{MAX_RADIUS, PunctualKind};
 
 /// A checked light.
@@ -30,7 +29,7 @@ pub struct Light {
 }
 
 /// Parses and checks a light.
-pub fn parse(json: &Json, notes: &mut Notes) -> Result<Light> {
+pub fn parse(json: &Json) -> Result<Light> {
     let from: khr_lights_punctual::Light = read(json)?;
     if from.color.iter().any(|x| *x < 0.0) {
         return Err(json.bad("color", "numbers of at least 0", format!("{:?}", from.color)));
@@ -42,7 +41,7 @@ pub fn parse(json: &Json, notes: &mut Notes) -> Result<Light> {
     if !intensity.is_finite() {
         return Err(json.bad("intensity", "a product with color that a 32-bit float can hold", from.intensity));
     }
-    let range = from.range.unwrap_or(f32::INFINITY);
+    let range = from.range.filter(|range| *range < f32::MAX).unwrap_or(f32::INFINITY);
     if range <= 0.0 {
         return Err(json.bad("range", "above 0", range));
     }
@@ -50,15 +49,20 @@ pub fn parse(json: &Json, notes: &mut Notes) -> Result<Light> {
         Checked::Valid(Type::Directional) => Some(PunctualKind::Directional),
         Checked::Valid(Type::Point) => Some(PunctualKind::Point),
         Checked::Valid(Type::Spot) => {
-            let spot = json.need("spot", from.spot)?;
-            let (inner, outer) = (spot.inner_cone_angle, spot.outer_cone_angle);
+            let (inner, outer) = from.spot.map_or_else(
+                || {
+                    json.repaired("spot", "a spot light without `spot` has the default cone");
+                    (0.0, FRAC_PI_4)
+                },
+                |spot| (spot.inner_cone_angle, spot.outer_cone_angle),
+            );
             // Blender writes equal angles for a hard edge, and the extension's formula supports them.
             if !(0.0..=outer).contains(&inner) || !(0.0..=FRAC_PI_2).contains(&outer) || outer == 0.0 {
                 let wanted = "0 ≤ innerConeAngle ≤ outerConeAngle ≤ π/2, and not both 0";
                 return Err(json.bad("spot", wanted, format!("{inner}, {outer}")));
             }
             if inner == outer {
-                notes.repaired(&json.path("spot"), "equal cone angles: the spot's edge is hard");
+                json.repaired("spot", "equal cone angles: the spot's edge is hard");
             }
             Some(PunctualKind::Spot { inner, outer })
         }

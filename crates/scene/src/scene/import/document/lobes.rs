@@ -53,6 +53,7 @@ pub fn parse(json: &Json, plain: &mut Material, textures: &mut TextureInfos, fac
         texture(&json, "thicknessTexture")?;
         let range = [f32::MIN_POSITIVE, f32::INFINITY];
         let distance = factors.number(&json, "attenuationDistance", range, f32::INFINITY)?;
+        let distance = if distance < f32::MAX { distance } else { f32::INFINITY };
         let color = factors.color(&json, "attenuationColor", [1.0; 3])?;
         // A colour of 0 would need infinite absorption; 1e-20 is black in practice.
         plain.absorption = Vec3::from(color.map(|x| -x.max(1e-20).ln() / distance)).min(Vec3::splat(f32::MAX));

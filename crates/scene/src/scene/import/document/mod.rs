@@ -21,8 +21,10 @@ mod table;
 pub mod texture_info;
 mod typed;
 
+use std::cell::RefCell;
 use std::collections::BTreeMap;
 
+use glam::{DAffine3, DVec3};
 use serde_json::Value;
 
 use crate::error::{Error, Result};
@@ -63,6 +65,8 @@ pub struct Document {
     pub roots: Vec<usize>,
     /// JSON path of the shown scene.
     pub scene_at: String,
+    /// Of the built scene's coordinates, in the file's: [`crate::scene::Scene::origin`].
+    pub origin: DVec3,
     pub animations: Table<Animation>,
     pub scenes: Table<Vec<usize>>,
     /// Names of the scenes; empty for those without.
@@ -75,6 +79,10 @@ pub struct Document {
     pub extensions: BTreeMap<String, String>,
 }
 
+/// What glTF 2.1 adds to a document that pictures may need.
+const BEYOND: [(&str, &str); 3] =
+    [("externalAssets", "scenes in other files"), ("files", "files"), ("shapes", "shapes without triangles")];
+
 impl Document {
     /// Parses and checks everything but the data of accessors and pictures. `json` is the source's document, or a copy of it
     /// with the values of animated properties at one time.
@@ -83,10 +91,9 @@ impl Document {
     /// [`Error::Data`] for what breaks the specification in a way that concerns the document as a whole, [`Error::Usage`]
     /// for a scene or variant that does not exist. Faulty elements are kept as errors in their tables.
     pub fn parse(source: &Source, json: &Value, options: &ImportOptions, notes: &mut Notes) -> Result<Self> {
-        if source.byte_order_mark {
-            notes.repaired("the document", "a byte-order mark before the JSON is skipped");
-        }
-        let root = Json::root(json);
+        source.repairs.iter().for_each(|(at, text)| notes.repaired(at.trim_start_matches('.'), *text));
+        let kept = RefCell::new(std::mem::take(notes));
+        let root = Json::root(json, &kept);
         let asset = root.need("asset", root.get("asset")?)?;
         check_version(&asset)?;
         let required = strings(&root, "extensionsRequired")?;
@@ -98,22 +105,21 @@ impl Document {
         }
         let variants = names(&root, "extensions.KHR_materials_variants.variants")?;
         let scene_names = names(&root, "scenes")?;
-        note_backslashes(&root, notes)?;
+        note_backslashes(&root)?;
         let variant = options.variant.as_deref().map(|name| choose("variant", name, &variants)).transpose()?;
 
         let buffers = Table::parse(&root, "buffers", |i, json| Buffer::parse(json, i, source))?;
         let views = Table::parse(&root, "bufferViews", |_, json| View::parse(json, &buffers))?;
         let accessors = Table::parse(&root, "accessors", |_, json| Accessor::parse(json, &views))?;
         let images = Table::parse(&root, "images", |i, json| Image::parse(json, i, source, &views))?;
-        let samplers = Table::parse(&root, "samplers", |_, json| Sampler::parse(json, notes))?;
+        let samplers = Table::parse(&root, "samplers", |_, json| Sampler::parse(json))?;
         let textures = Table::parse(&root, "textures", |_, json| Texture::parse(json))?;
         let materials = Table::parse(&root, "materials", |_, json| Material::parse(json))?;
         let references = References { accessors: &accessors, views: &views, materials: &materials, quantized, variant };
-        let meshes = Table::parse(&root, "meshes", |_, json| Mesh::parse(json, references, notes))?;
+        let meshes = Table::parse(&root, "meshes", |_, json| Mesh::parse(json, references))?;
         let skins = Table::parse(&root, "skins", |_, json| Skin::parse(json, &accessors, &views))?;
         let cameras = Table::parse(&root, "cameras", |_, json| cameras::parse(json))?;
-        let lights =
-            Table::parse(&root, "extensions.KHR_lights_punctual.lights", |_, json| lights::parse(json, notes))?;
+        let lights = Table::parse(&root, "extensions.KHR_lights_punctual.lights", |_, json| lights::parse(json))?;
         let node = |json| Node::parse(json, &meshes, &accessors);
         let nodes = root.items("nodes")?.iter().map(node).collect::<Result<Vec<_>>>()?;
         check_forest(&nodes)?;
@@ -123,8 +129,15 @@ impl Document {
             json.indices("nodes", "nodes")
         })?;
         let (roots, scene_at) = choose_scene(&root, options, &scene_names, &scenes, &nodes)?;
+        let generator = asset.string("generator")?.map(Into::into);
+        *notes = kept.take();
+        for (key, what) in BEYOND {
+            if let Some(list) = json.get(key).and_then(Value::as_array).filter(|list| !list.is_empty()) {
+                notes.ignored(key, format!("{} {what} (glTF 2.1), which are not read", list.len()));
+            }
+        }
         Ok(Self {
-            generator: asset.string("generator")?.map(Into::into),
+            generator,
             buffers,
             views,
             accessors,
@@ -139,6 +152,7 @@ impl Document {
             nodes,
             roots,
             scene_at,
+            origin: DVec3::ZERO,
             animations,
             scenes,
             scene_names,
@@ -146,6 +160,30 @@ impl Document {
             variant,
             extensions,
         })
+    }
+
+    /// Every node's transform to world space from [`Self::origin`], also of nodes that no scene shows.
+    pub fn world_transforms(&self) -> Vec<DAffine3> {
+        let mut worlds = vec![self.base(); self.nodes.len()];
+        let mut stack: Vec<_> = top_nodes(&self.nodes).into_iter().map(|i| (i, self.base())).collect();
+        while let Some((index, parent)) = stack.pop() {
+            worlds[index] = parent * self.nodes[index].transform;
+            stack.extend(self.nodes[index].children.iter().map(|&child| (child, worlds[index])));
+        }
+        worlds
+    }
+
+    /// From the file's coordinates to those from [`Self::origin`].
+    pub fn base(&self) -> DAffine3 {
+        DAffine3::from_translation(-self.origin)
+    }
+
+    /// May the animations change a material's alpha?
+    pub fn fades(&self, material: usize) -> bool {
+        let start = format!("/materials/{material}/");
+        let fades = |name: &str| ["baseColorFactor", "diffuseFactor", "alphaCutoff"].contains(&name);
+        let mut channels = self.animations.sound().flat_map(|(_, animation)| &animation.channels);
+        channels.any(|c| c.pointer.starts_with(&start) && c.pointer.rsplit('/').next().is_some_and(fades))
     }
 
     /// Faulty elements: JSON paths and faults. A fault is repeated for every element that depends on the faulty one.
@@ -192,11 +230,11 @@ fn names(root: &Json, array: &str) -> Result<Vec<String>> {
 }
 
 /// Notes paths of buffers and pictures that use `\` as a separator.
-fn note_backslashes(root: &Json, notes: &mut Notes) -> Result<()> {
+fn note_backslashes(root: &Json) -> Result<()> {
     for json in [root.items("buffers")?, root.items("images")?].iter().flatten() {
         let uri = json.string("uri").ok().flatten();
         if uri.is_some_and(|uri| !uri.starts_with("data:") && uri.contains('\\')) {
-            notes.repaired(&json.path("uri"), "`\\` in a path is read as `/`, unless a file has it in its name");
+            json.repaired("uri", "`\\` in a path is read as `/`, unless a file has it in its name");
         }
     }
     Ok(())
@@ -230,6 +268,10 @@ fn strings(json: &Json, key: &str) -> Result<Vec<String>> {
 /// Checks that the major version is 2 and `minVersion` at most 2.0.
 fn check_version(asset: &Json) -> Result<()> {
     let number = |key: &str, text: &str| -> Result<(u32, u32)> {
+        if let Ok(major) = text.parse() {
+            asset.repaired(key, format!("\"{text}\" is read as \"{text}.0\""));
+            return Ok((major, 0));
+        }
         let parts = text.split_once('.').and_then(|(a, b)| Some((a.parse().ok()?, b.parse().ok()?)));
         parts.ok_or_else(|| asset.bad(key, "a version like \"2.0\"", format!("\"{text}\"")))
     };

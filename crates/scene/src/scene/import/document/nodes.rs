@@ -108,7 +108,10 @@ fn transform(json: &Json) -> Result<DAffine3> {
     match json.vector::<16>("matrix")? {
         None => Ok(DAffine3::from_scale_rotation_translation(scale, rotation.normalize(), translation)),
         Some(m) => {
-            if [m[3], m[7], m[11], m[15]] != [0.0, 0.0, 0.0, 1.0] {
+            let off = [m[3], m[7], m[11], m[15] - 1.0].into_iter().fold(0.0, |most: f64, x| most.max(x.abs()));
+            if off > 0.0 && off < 1e-5 {
+                json.repaired("matrix", "a fourth row that is 0, 0, 0, 1 but for rounding");
+            } else if off > 0.0 {
                 let row = format!("{}, {}, {}, {}", m[3], m[7], m[11], m[15]);
                 return Err(json.bad("matrix", "a fourth row of 0, 0, 0, 1", row));
             }
@@ -188,15 +191,4 @@ pub fn have_parents(nodes: &[Node]) -> Vec<bool> {
 pub fn top_nodes(nodes: &[Node]) -> Vec<usize> {
     let is_child = have_parents(nodes);
     (0..nodes.len()).filter(|&i| !is_child[i]).collect()
-}
-
-/// Every node's transform to world space, also of nodes that no scene shows. The nodes must be a forest.
-pub fn world_transforms(nodes: &[Node]) -> Vec<DAffine3> {
-    let mut worlds = vec![DAffine3::IDENTITY; nodes.len()];
-    let mut stack: Vec<_> = top_nodes(nodes).into_iter().map(|i| (i, DAffine3::IDENTITY)).collect();
-    while let Some((index, parent)) = stack.pop() {
-        worlds[index] = parent * nodes[index].transform;
-        stack.extend(nodes[index].children.iter().map(|&child| (child, worlds[index])));
-    }
-    worlds
 }

@@ -1,6 +1,6 @@
 //! Meshes and their primitives.
 
-use super::accessors::{Accessor, Component, Shape, View};
+use super::accessors::{Accessor, Component, NOT_NORMALIZED, Shape, View, check_tight};
 use super::attributes::{Attributes, Semantic, parse_attributes};
 use super::draco::Draco;
 use super::json::Json;
@@ -8,7 +8,6 @@ use super::materials::Material;
 use super::table::Table;
 use crate::error::Result;
 use crate::scene::import::complaint::bad;
-use crate::scene::import::report::Notes;
 
 /// One part of a mesh with one material.
 #[derive(Debug)]
@@ -48,14 +47,14 @@ pub struct References<'a> {
 }
 
 impl Mesh {
-    pub fn parse(json: &Json, references: References, notes: &mut Notes) -> Result<Self> {
+    pub fn parse(json: &Json, references: References) -> Result<Self> {
         let items = json.items("primitives")?;
         if items.is_empty() {
-            return Err(json.bad("primitives", "at least one primitive", "none"));
+            json.repaired("primitives", "a mesh without primitives shows nothing");
         }
-        let primitives =
-            items.iter().map(|item| Primitive::parse(item, references, notes)).collect::<Result<Vec<_>>>()?;
-        let targets = primitives[0].targets.len();
+        let parsed = items.iter().map(|item| Primitive::parse(item, references)).collect::<Result<Vec<_>>>()?;
+        let primitives: Vec<Primitive> = parsed.into_iter().flatten().collect();
+        let targets = primitives.first().map_or(0, |first| first.targets.len());
         if let Some(other) = primitives.iter().find(|p| p.targets.len() != targets) {
             let wanted = format!("{targets} targets as in the first primitive");
             return Err(bad(&format!("{}.targets", other.at), wanted, other.targets.len()));
@@ -68,6 +67,10 @@ impl Mesh {
 /// `weights` of a mesh or node, one per morph target.
 pub fn read_weights(json: &Json, targets: usize) -> Result<Option<Vec<f32>>> {
     let Some(weights) = json.numbers("weights")? else { return Ok(None) };
+    if targets == 0 && !weights.is_empty() {
+        json.repaired("weights", "weights without morph targets have no effect");
+        return Ok(None);
+    }
     if weights.len() != targets {
         return Err(json.bad("weights", format!("{targets} numbers, one a morph target"), weights.len()));
     }
@@ -75,7 +78,8 @@ pub fn read_weights(json: &Json, targets: usize) -> Result<Option<Vec<f32>>> {
 }
 
 impl Primitive {
-    fn parse(json: &Json, references: References, notes: &mut Notes) -> Result<Self> {
+    /// Parses a primitive; `None` for one without attributes, vertices or indices, which exporters leave beside others.
+    fn parse(json: &Json, references: References) -> Result<Option<Self>> {
         let References { accessors, views, materials, quantized, variant } = references;
         let mode = json.integer("mode")?.unwrap_or(4);
         if mode > 6 {
@@ -83,10 +87,16 @@ impl Primitive {
         }
         let mut all_accessors = Vec::new();
         let members = json.need("attributes", json.get("attributes")?)?;
-        let attributes = parse_attributes(&members, accessors, false, quantized, &mut all_accessors, notes)?;
+        let indices = json.index("indices", "accessors")?;
+        let mut counted = [members.index("POSITION", "accessors")?, indices].into_iter().flatten();
+        if members.object()?.is_empty() || counted.any(|i| json.is_empty_accessor(i)) {
+            json.repaired("attributes", "a primitive without vertices or indices shows nothing");
+            return Ok(None);
+        }
+        let attributes = parse_attributes(&members, accessors, false, quantized, &mut all_accessors)?;
         let mut targets = Vec::new();
         for target in json.items("targets")? {
-            targets.push(parse_attributes(&target, accessors, true, quantized, &mut all_accessors, notes)?);
+            targets.push(parse_attributes(&target, accessors, true, quantized, &mut all_accessors)?);
         }
         // Every attribute, including unknown ones, has one element per vertex.
         if let Some(&first) = attributes.values().next().or(all_accessors.first()) {
@@ -111,15 +121,17 @@ impl Primitive {
                 format!("{} and {}", joints.1, weights.1),
             ));
         }
-        let indices = json.index("indices", "accessors")?;
         if let Some(index) = indices {
             let a = accessors.get(index)?;
             let unsigned = matches!(a.component, Component::U8 | Component::U16 | Component::U32);
-            if a.shape != Shape::Scalar || !unsigned || a.normalized {
+            if a.shape != Shape::Scalar || !unsigned {
                 return Err(json.bad("indices", "SCALAR of UNSIGNED_BYTE, UNSIGNED_SHORT or UNSIGNED_INT", a.format()));
             }
-            if let Some(view) = a.view.map(|view| views.get(view)).transpose()?.filter(|view| view.stride.is_some()) {
-                return Err(json.bad("indices", "a bufferView without byteStride", &view.at));
+            if a.normalized {
+                json.repaired("indices", NOT_NORMALIZED);
+            }
+            if let Some(view) = a.view {
+                check_tight(json, "indices", views.get(view)?, a.element_bytes())?;
             }
             all_accessors.push(index);
         }
@@ -153,7 +165,7 @@ impl Primitive {
             ));
         }
         let extensions = json.extension_names()?;
-        Ok(Self { attributes, indices, mode, material, targets, draco, extensions, at: json.at.clone() })
+        Ok(Some(Self { attributes, indices, mode, material, targets, draco, extensions, at: json.at.clone() }))
     }
 
     /// Accessors of each pair of JOINTS and WEIGHTS.

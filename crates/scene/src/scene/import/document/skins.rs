@@ -1,6 +1,6 @@
 //! Skins of the document.
 
-use super::accessors::{Accessor, Component, Shape, View};
+use super::accessors::{Accessor, Component, Shape, View, check_tight};
 use super::json::Json;
 use super::table::Table;
 use crate::error::Result;
@@ -33,8 +33,8 @@ impl Skin {
                     a.count,
                 ));
             }
-            if let Some(view) = a.view.map(|view| views.get(view)).transpose()?.filter(|view| view.stride.is_some()) {
-                return Err(json.bad("inverseBindMatrices", "a bufferView without byteStride", &view.at));
+            if let Some(view) = a.view {
+                check_tight(json, "inverseBindMatrices", views.get(view)?, a.element_bytes())?;
             }
         }
         Ok(Self { joints, inverse_bind })

@@ -8,7 +8,7 @@ use crate::error::{Error, Result};
 use crate::scene::import::complaint::bad;
 
 /// Reads an object into a type of the crate `gltf`. The crate rejects integers with a decimal point, truncates indices to 32
-/// bits, reads numbers beyond a float's range as infinity and `null` as absent: the JSON is normalized first.
+/// bits, and reads numbers beyond a float's range as infinity: the JSON is normalized first.
 ///
 /// # Errors
 /// [`Error::Data`] with the path of what has the wrong type.
@@ -25,7 +25,7 @@ pub fn read<T: DeserializeOwned>(json: &Json) -> Result<T> {
 /// Whole numbers below 2^32 as integers, all others as floats that are finite in 32 bits; `extras` left out.
 fn normalize(value: &Value, at: &str) -> Result<Value> {
     Ok(match value {
-        Value::Null => return Err(bad(at, "a value, or no such member", "null")),
+        Value::Null => return Err(bad(at, "a value", "null")),
         Value::Number(number) => {
             let x = number.as_f64().filter(|x| (*x as f32).is_finite());
             let x = x.ok_or_else(|| bad(at, "a number that a 32-bit float can hold", shown(value)))?;

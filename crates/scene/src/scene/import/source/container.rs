@@ -22,11 +22,14 @@ const MAX_CHUNKS: u32 = 1 << 16;
 const JSON_CHUNK: u32 = 0x4E4F_534A;
 const BIN_CHUNK: u32 = 0x004E_4942;
 
+/// JSON paths, and what was done there.
+pub type Repairs = Vec<(String, &'static str)>;
+
 /// A scene file's parts.
 pub struct Container {
     pub json: Value,
-    /// Does the JSON start with a byte-order mark?
-    pub byte_order_mark: bool,
+    /// Small faults that were mended: JSON paths and what was done.
+    pub repairs: Repairs,
     pub input: Input,
     /// Size of the file in bytes.
     pub file_bytes: u64,
@@ -82,15 +85,52 @@ pub fn read(path: &Path, input: Input, file_bytes: u64) -> Result<Container> {
     };
     let json = Blob::read(path, &input, json, None)?.all();
     // RFC 8259, 8.1: writers must not add one, readers may skip it.
-    let (json, byte_order_mark) = match json.strip_prefix(b"\xEF\xBB\xBF") {
-        Some(rest) => (rest, true),
-        None => (&json[..], false),
-    };
+    let mut repairs = Repairs::new();
+    let json = json.strip_prefix(b"\xEF\xBB\xBF").map_or(&json[..], |rest| {
+        repairs.push(("the document".into(), "a byte-order mark before the JSON is skipped"));
+        rest
+    });
     // The parser's own recursion limit keeps deep nesting from overflowing the stack.
     let mut parser = serde_json::Deserializer::from_slice(json);
-    let json = serde_path_to_error::deserialize(&mut parser).map_err(|error| in_file(not_json(json, &error)))?;
+    let mut document =
+        serde_path_to_error::deserialize(&mut parser).map_err(|error| in_file(not_json(json, &error)))?;
     parser.end().map_err(|error| in_file(format!("not valid JSON: {error}")))?;
-    Ok(Container { json, byte_order_mark, input, file_bytes, bin })
+    repair(&mut document, &mut repairs);
+    Ok(Container { json: document, repairs, input, file_bytes, bin })
+}
+
+/// Mends members, except in `extras`: those that are null are removed, and limits that no 32-bit float holds become its largest.
+/// Adds the first place of each to `found`.
+fn repair(value: &mut Value, found: &mut Repairs) {
+    let mut visit = |place: &dyn Fn() -> String, member: &mut Value, is_limit: bool| {
+        let before = found.len();
+        let text = match member {
+            Value::Null => "null is read as no such member",
+            limit if is_limit && limit.as_f64().is_some_and(|x| x > f64::from(f32::MAX)) => {
+                *limit = f32::MAX.into();
+                "a number that no 32-bit float holds is read as no limit"
+            }
+            other => {
+                repair(other, found);
+                ""
+            }
+        };
+        let is_new = !text.is_empty() && found.iter().all(|(_, known)| *known != text);
+        found.extend(is_new.then(|| (String::new(), text)));
+        found[before..].iter_mut().for_each(|(at, _)| at.insert_str(0, &place()));
+    };
+    match value {
+        Value::Array(items) => {
+            let items = items.iter_mut().enumerate().filter(|(_, item)| !item.is_null());
+            items.for_each(|(i, item)| visit(&|| format!("[{i}]"), item, false));
+        }
+        Value::Object(members) => members.retain(|key, member| {
+            let is_limit = ["range", "attenuationDistance", "zfar"].contains(&key.as_str());
+            (key != "extras").then(|| visit(&|| format!(".{key}"), member, is_limit));
+            !member.is_null()
+        }),
+        _ => {}
+    }
 }
 
 /// What is wrong in `json`, and where. Python's and Unreal's exporters write numbers that JSON does not have.

@@ -19,7 +19,7 @@ use serde_json::Value;
 use crate::error::Result;
 pub use blob::Blob;
 pub use census::Census;
-use container::Container;
+use container::{Container, Repairs};
 use input::Input;
 pub use input::STANDARD_INPUT;
 use reach::Reach;
@@ -44,8 +44,8 @@ pub struct Source {
     pub path: PathBuf,
     /// Its document.
     pub json: Value,
-    /// Does it start with a byte-order mark?
-    pub byte_order_mark: bool,
+    /// Small faults of it that were mended.
+    pub repairs: Repairs,
     /// The GLB's binary chunk.
     pub bin: Option<Blob>,
     /// Size of all files in bytes, each counted once.
@@ -79,7 +79,7 @@ impl Source {
     }
 
     fn of(path: &Path, container: Container, folder: Option<PathBuf>) -> Result<Self> {
-        let Container { json, byte_order_mark, input, file_bytes, bin } = container;
+        let Container { json, repairs, input, file_bytes, bin } = container;
         let reach = Reach::of(&json);
         let bin = match bin {
             Some(within) => Some(Blob::read(path, &input, within, Some(reach.ranges(&json, 0)))?),
@@ -124,18 +124,7 @@ impl Source {
             file_bytes - sound().map(|(_, blob)| left_out(blob)).chain(bin.iter().map(left_out)).sum::<u64>();
         let files =
             folder.map(|_| path).into_iter().chain(sound().map(|(path, _)| &**path)).map(Path::to_owned).collect();
-        Ok(Self {
-            path: path.into(),
-            json,
-            byte_order_mark,
-            bin,
-            file_bytes,
-            read_bytes,
-            files,
-            buffers,
-            images,
-            reach,
-        })
+        Ok(Self { path: path.into(), json, repairs, bin, file_bytes, read_bytes, files, buffers, images, reach })
     }
 
     /// Data of `buffers[index].uri`; `None` without a URI.
