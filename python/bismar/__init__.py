@@ -15,6 +15,7 @@ Messages go to `logging.getLogger("bismar")`.
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import operator
 import os
@@ -144,6 +145,16 @@ def _count(threads: Any) -> Optional[int]:
         return min(max(operator.index(threads), 0), 2**31)
     except TypeError:
         raise UsageError(f"threads: {threads!r} is not a number of threads", 64) from None
+
+
+def _find_denoiser() -> None:
+    """Tells the native half where the package pyoidn is, if it is installed: its folder has the library."""
+    try:
+        found = importlib.util.find_spec("pyoidn")
+    except (ImportError, ValueError):
+        return
+    for folder in (found and found.submodule_search_locations) or ():
+        _bismar.look_for_denoiser(folder)
 
 
 def _flags(given: Dict[str, Any], *others: str) -> List[Tuple[str, Optional[str]]]:
@@ -382,6 +393,8 @@ class Scene:
             heuristic, balance = balance, None
             if not isinstance(size, (tuple, list, np.ndarray)) or len(size) != 2:
                 raise UsageError("balance: a heuristic of one's own needs size=(width, height)", 64)
+        if denoise:
+            _find_denoiser()
         options = _flags(locals(), "self", "progress", "heuristic")
         call = None if progress is None else (lambda *now: progress(Progress(*now)))
         shares = None
@@ -470,6 +483,7 @@ class Picture:
         Raises UsageError for a picture that was rendered without `denoise=True`, HostError without the library, which
         `pip install pyoidn` brings (docs/pictures.md).
         """
+        _find_denoiser()
         return self._native.denoised(layer)  # type: ignore[no-any-return]
 
     def save(

@@ -109,6 +109,21 @@ def test_no_call_holds_the_lock_while_it_thinks(scenes):
     assert longest < 0.5
 
 
+def test_the_denoiser_of_the_package_pyoidn_is_found(scenes, tmp_path):
+    library = tmp_path / "pyoidn/oidn/lib/libOpenImageDenoise.so.2"
+    library.parent.mkdir(parents=True)
+    (tmp_path / "pyoidn/__init__.py").write_text("raise ImportError('it needs cffi')")
+    names = ["NewDevice", "NewFilter", "SetSharedFilterImage", "SetFilterBool", "GetDeviceError", "CommitDevice", "CommitFilter",
+             "ReleaseFilter", "ReleaseDevice", "ExecuteFilter"]
+    code = "static int x;" + "".join(f"void *oidn{name}() {{ return {'&x' if 'New' in name else 0}; }}" for name in names)
+    subprocess.run(["cc", "-shared", "-fPIC", "-w", "-x", "c", "-o", str(library), "-"], input=code, text=True, check=True)
+    program = f"import bismar; p = bismar.load({str(scenes / 'cornell.glb')!r}).render(size=(8, 8), spp=1, denoise=True); print(p.denoise().sum())"
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path), "HOME": "/nowhere", "PATH": "/nowhere/bin"}
+    environment.pop("BISMAR_OIDN", None)
+    said = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True)
+    assert said.stdout == "0.0\n", said.stderr
+
+
 def test_a_scene_that_vanishes_between_renders_is_not_missed(scenes, tmp_path):
     path = tmp_path / "scene.glb"
     path.write_bytes((scenes / "cornell.glb").read_bytes())
