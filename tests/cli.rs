@@ -46,6 +46,7 @@ fn wrong_usage_exits_with_64_and_says_what_is_wrong() {
         ("merge a.exr -o b.exr --wait nan", "invalid value"),
         ("merge a.exr -o b.exr --wait inf", "invalid value"),
         ("render scene.glb --env-rotate 90", "--env"),
+        ("render scene.glb --sky --env-strength 1e38", "not a number from 0 to 1e10"),
         ("render scene.glb --sunsky 30", "ELEVATION,AZIMUTH"),
         ("render scene.glb --sunsky 95,0", "from 0 to 90"),
         ("render scene.glb --sunsky 30,0,nan", "from 1 to 10"),

@@ -447,6 +447,27 @@ fn status_asks_the_plan_and_not_the_file() {
 }
 
 #[test]
+fn parts_without_tiles_are_refused_before_anything_is_written() {
+    let site = Site::new("shots");
+    let batch =
+        "[[job]]\nscene = 'scene.glb'\nsize = '99x99'\n[[job]]\nname = 'small'\nscene = 'scene.glb'\nsize = '8x8'\n";
+    fs::write(site.folder.join("jobs.toml"), batch).unwrap();
+    for (line, tiles) in [
+        ("scene.glb --parts 2 -- --size 16x16", 1),
+        ("scene.glb --parts 7 --dry-run -- --size 48x32", 6),
+        ("scene.glb --parts 3 -- --size 160x160 --crop 10,10,20,12", 2),
+        ("scene.glb --parts 2 -- --size 16x16 --turntable 3 -o v.#.exr", 1),
+        ("scene.glb --parts 2041 -- --spp 1", 2040),
+        ("jobs.toml --parts 2 --format plan", 1),
+    ] {
+        let said = site.refuses(64, &words(line));
+        assert!(said.contains(&format!("{tiles} tiles")), "{line}: {said}");
+    }
+    assert!(!site.folder.join("scene.farm").exists() && !site.folder.join("jobs.farm").exists());
+    site.submit_only("scene.glb --parts 6 -- --size 48x32 --spp 1");
+}
+
+#[test]
 fn no_plan_makes_other_machines_run_programs() {
     let site = Site::new("shots");
     let said = site.refuses(64, &words("scene.glb -- --checkpoint 9 --on-checkpoint /bin/true"));

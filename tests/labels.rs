@@ -48,6 +48,15 @@ fn annotations_and_ids_are_those_of_the_aov() {
     assert!(materials["categories"].as_array().unwrap().iter().any(|c| c["name"] == "red"), "{materials:#}");
     assert_eq!(materials["images"][0]["file_name"], "set/0.exr");
 
+    // Its own files are made again, of other pictures too.
+    let arrays = "--ids --depth npy,png --normals npy,png -q";
+    for size in ["40x30", "40x30", "50x20"] {
+        expect(path, &format!("render c.glb --size {size} --spp 1 --aov object,depth,normal -o own.exr -q"), 0);
+        expect(path, &format!("labels own.exr -o own.json {arrays}"), 0);
+    }
+    fs::write(path.join("own.depth.npy"), fs::read(path.join("own.normal.npy")).unwrap().repeat(2)).unwrap();
+    says(path, &format!("labels own.exr {arrays}"), 73, "has not written");
+
     expect(path, "render c.glb --size 8x8 --spp 1 -o plain.exr -q", 0);
     assert!(expect(path, "labels plain.exr -o x.json", 65).contains("--aov object"));
     expect(path, "labels nowhere.exr -o x.json", 66);

@@ -133,12 +133,24 @@ fn wrong_groups_are_refused_by_name() {
         ("", "'' is not NAME=PATTERN"),
         ("by kind", "'by kind' is not NAME=PATTERN"),
         ("a=*,b,c,d,e,f,g,h,i", "9 groups: at most 8"),
+        (format!("a={}b", "*a".repeat(50_000)).as_str(), "100003 bytes: at most 4096"),
+        (format!("a={}b", "*a".repeat(128)).as_str(), "a pattern of 'a' has 257 bytes: at most 256"),
     ] {
         let said = table(groups).unwrap_err();
         assert!(said.contains(words), "{groups}: {said}");
     }
     table("key=Key P*,key=Key B*,none").unwrap();
     table("all=*").unwrap();
+    // The longest pattern and a long name, in linear time.
+    let mut scene = room(|_, _| true);
+    scene.light_nodes[0].name = "a".repeat(1 << 18);
+    let stage = Stage::new(Arc::new(scene), Backend::Obvhs);
+    let began = std::time::Instant::now();
+    for pattern in [format!("{}b", "*a".repeat(127)), format!("*{}b", "a".repeat(254))] {
+        let groups: LightGroups = format!("a={pattern}").parse().unwrap();
+        assert!(groups.table(&stage.scene).unwrap_err().to_string().contains("no light is in the group a"));
+    }
+    assert!(began.elapsed().as_secs_f64() < 5.0, "{:?}", began.elapsed());
 }
 
 /// A triangle below two lights, one of which is in a group by the node above it, and a second triangle that glows.

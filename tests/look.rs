@@ -113,7 +113,7 @@ fn a_broken_scene_leaves_nothing_and_no_output_is_an_input() {
         ("look c.glb --size 9000x9000", 64, "million pixels"),
         ("look c.glb --views up", 64, "front"),
         ("look c.glb -o no/where.png", 73, "no/where.png"),
-        ("look c.glb c.glb c.glb", 64, "unexpected"),
+        ("look c.glb c.glb c.glb --max-flip 0.1", 64, "the number given is 3"),
     ] {
         says(path, line, code, why);
     }
@@ -170,6 +170,60 @@ fn a_pair_has_one_framing_and_says_what_differs() {
     let page = fs::read_to_string(path.join("p.html")).unwrap();
     assert!(page.contains("triangles: 3 -&gt; 2") || page.contains("triangles: 3 -> 2"));
     look(path, "old.glb new.glb --size 16x16 --spp 2 -q --max-flip 1", 0);
+}
+
+#[test]
+fn three_scenes_or_more_are_on_one_sheet_and_a_broken_one_does_not_stop_the_others() {
+    let path = &folder().with("s/c.glb", square_of(1.0, 0.0)).with("big.glb", square_of(9.0, 0.0)).with("bad.glb", "x");
+    let report = look(path, &format!("c.glb s/c.glb big.glb {SMALL}"), 0);
+    let scenes = report["scenes"].as_array().unwrap();
+    let files: Vec<&str> = scenes.iter().map(|one| one["scene"]["file"].as_str().unwrap()).collect();
+    assert_eq!(files, ["c.glb", "s/c.glb", "big.glb"]);
+    let sheet = image::open(path.join("c-and-2-more.look.png")).unwrap();
+    // Two columns and two rows, below one line.
+    assert_eq!((sheet.width(), sheet.height()), (6 + 2 * 54, 28 + 2 * 76));
+    for (one, file) in scenes.iter().zip(files) {
+        let alone = look(path, &format!("{file} {SMALL} --views three-quarters -o a.png"), 0);
+        assert!(["hash", "exposure", "views", "scene"].iter().all(|key| one[key] == alone[key]), "{one} {alone}");
+    }
+    let line = format!("bad.glb none.glb c.glb big.glb {SMALL} --views front,top -o all.png");
+    let report = look(path, &line, 66);
+    let codes = [0_usize, 1].map(|i| (&report["failed"][i]["name"], report["failed"][i]["exit_code"].as_u64()));
+    assert_eq!(codes, [(&json!("bad.glb"), Some(65)), (&json!("none.glb"), Some(66))]);
+    // A row for each scene.
+    assert_eq!(report["scenes"].as_array().unwrap().len(), 2);
+    assert_eq!(image::open(path.join("all.png")).unwrap().height(), 28 + 2 * 76);
+}
+
+#[test]
+fn a_look_stays_in_its_folders_and_says_what_it_left_out() {
+    let one = square_of(1.0, 0.0);
+    let files = ["a/same", "b/same", "a/out/x", "elsewhere/secret", "b/linked", "b/deep"];
+    let path = &files.iter().fold(folder(), |folder, name| folder.with(&format!("{name}.glb"), &one));
+    let deep = path.join("a").join("d/".repeat(17));
+    fs::create_dir_all(&deep).unwrap();
+    fs::write(deep.join("x.glb"), &one).unwrap();
+    for (to, name) in [
+        ("../elsewhere/secret.glb", "a/linked.glb"),
+        ("../elsewhere", "b/out"),
+        ("nowhere", "a/deep.glb"),
+        ("same.glb", "a/inside.glb"),
+        ("same.glb", "b/inside.glb"),
+        (".", "a/again"),
+    ] {
+        std::os::unix::fs::symlink(to, path.join(name)).unwrap();
+    }
+    let report = look(path, &format!("a b {SMALL} --max-flip 0"), 65);
+    let left_out = report["left_out"].as_array().unwrap();
+    let names: Vec<&str> = left_out.iter().map(|left| left["name"].as_str().unwrap()).collect();
+    let deep = "d/".repeat(17);
+    assert_eq!(names, [&deep[..33], "deep.glb", "linked.glb", "out"]);
+    assert_eq!((&report["within"], &report["unchanged"]), (&json!(false), &json!(["inside.glb", "same.glb"])));
+    assert!(["added", "removed", "changed", "failed"].iter().all(|key| report[key] == json!([])), "{report}");
+    assert!(
+        expect(path, &format!("look a b {SMALL}").replace("-q", ""), 65)
+            .contains("linked.glb: left out: a link to a file")
+    );
 }
 
 #[test]

@@ -356,6 +356,24 @@ fn noise_is_taken_out_into_a_layer_of_its_own_or_it_is_said_how_to_get_the_libra
     };
     let (code, said) = render("--denoise oidn -o none.exr", "/not/there.so");
     assert!(code == Some(76) && said.contains("RenderKit/oidn/releases"), "{code:?} {said}");
+    assert!(said.contains("pip install pyoidn"), "{said}");
+    // The package pyoidn of the user, and of the Python before others in PATH.
+    for (variable, of, to) in
+        [("HOME", "home", "home/.local"), ("PATH", "venv/bin", "venv"), ("PATH", "pyenv/shims", "pyenv/versions/3")]
+    {
+        let library = folder.join(to).join("lib/python3.13/site-packages/pyoidn/oidn/lib/libOpenImageDenoise.so.2");
+        fs::create_dir_all(library.parent().unwrap()).unwrap();
+        let twice = "for (size_t i = 0; i < 3 * w * h; i++) out[i] = 2 * in[i];";
+        fs::rename(false_denoiser(&folder, "twice.so", twice), &library).unwrap();
+        let mut command = bismar(&folder);
+        command.args(line.split(' ')).args(["--denoise", "oidn", "-o", "own.exr"]).env("HOME", "/nowhere");
+        ["BISMAR_OIDN", "VIRTUAL_ENV", "CONDA_PREFIX"].iter().for_each(|name| drop(command.env_remove(name)));
+        let output = command.env("PATH", "/nowhere/bin").env(variable, folder.join(of)).output().unwrap();
+        assert!(output.status.success(), "{}", program::stderr(&output));
+        let red = |name: &str| channel(&folder.join("own.exr"), name);
+        assert!(red("R").iter().zip(red("denoised.R")).all(|(x, y)| 2.0 * x == y));
+        fs::remove_dir_all(folder.join(to)).unwrap();
+    }
     assert!(!folder.join("none.exr").exists());
     let Some(library) = denoiser() else { return };
     let (code, said) = render("--denoise oidn -o a.exr --preview a.png", library.to_str().unwrap());

@@ -231,12 +231,12 @@ fn names_that_wait_for_a_render_do_not_stop_it() {
 fn the_plan_of_another_farm_is_not_replaced() {
     let path = &folder().with_scene("c.glb", "cornell.glb");
     let submit =
-        |scene: &str| format!("farm submit {scene} --parts 2 --format plan --folder farm -- --size 8x8 --spp 1");
+        |scene: &str| format!("farm submit {scene} --parts 2 --format plan --folder farm -- --size 40x8 --spp 1");
     expect(path, &submit("s.glb"), 0);
     expect(path, &submit("s.glb"), 0);
     // The folder that nobody has named may come with the scene.
     symlink("farm", path.join("s.farm")).unwrap();
-    assert!(expect(path, "farm submit s.glb --parts 2 --format plan -- --size 8x8", 73).contains("--folder"));
+    assert!(expect(path, "farm submit s.glb --parts 2 --format plan -- --size 40x8", 73).contains("--folder"));
     let before = fs::read(path.join("farm/farm.json")).unwrap();
     assert!(expect(path, &submit("c.glb"), 73).contains("--folder"));
     assert_eq!(fs::read(path.join("farm/farm.json")).unwrap(), before);
@@ -302,6 +302,51 @@ fn the_pictures_of_a_folder_are_inputs_too() {
     assert!(expect(path, "check a/p.exr c/new/0001-p.exr --out c", 64).contains("would overwrite"));
     assert_eq!(fs::read(path.join("c/new/0001-p.exr")).unwrap(), before);
     assert_eq!(fs::read(path.join("a/p.exr")).unwrap(), before);
+}
+
+#[test]
+fn a_folder_that_is_gone_and_paths_that_cannot_be_are_messages() {
+    let path = &folder();
+    let away = path.join("away");
+    for line in [
+        "render ../s.glb --size 8x8 --spp 1",
+        "render ../s.glb --size 8x8 --spp 1 -o p.exr",
+        "look ../s.glb",
+        "labels p.exr --ids",
+        "compare a.exr b.exr",
+        "merge a.exr b.exr -o c.exr",
+        "batch jobs.toml",
+        "check .",
+    ] {
+        fs::create_dir(&away).unwrap();
+        // The shell is in a folder that it removes.
+        let program = env!("CARGO_BIN_EXE_bismar");
+        let script = format!("cd away && rmdir ../away && exec {program} {line}");
+        let output = Command::new("sh").args(["-c", &script]).current_dir(path).output().unwrap();
+        let said = stderr(&output);
+        assert!(matches!(output.status.code(), Some(66 | 73)) && said.starts_with("error: "), "{line}: {said}");
+    }
+    symlink("m2/a/".to_owned() + &"a/".repeat(2000), path.join("m1")).unwrap();
+    symlink("m1/a/".to_owned() + &"a/".repeat(2000), path.join("m2")).unwrap();
+    for name in ["a/".repeat(60_000) + "p.exr", "m1/p.exr".into()] {
+        expect(path, &format!("render s.glb --size 8x8 --spp 1 -o {name}"), 73);
+    }
+}
+
+#[test]
+fn names_turn_no_text_of_a_page() {
+    let path = &folder().with_scene("c.glb", "cornell.glb");
+    let name = "s\u{202e}bmg\u{2066}.glb";
+    fs::rename(path.join("s.glb"), path.join(name)).unwrap();
+    let small = "--size 16x16 --spp 1 -q";
+    expect(path, &format!("look {name} c.glb {small} --views front --page p.html"), 0);
+    expect(path, &format!("render {name} {small} -o {name}.exr"), 0);
+    expect(path, &format!("compare {name}.exr {name}.exr --page q.html"), 0);
+    expect(path, &format!("check {name}.exr"), 0);
+    for page in ["p.html", "q.html", "bismar-check/junit.xml"] {
+        let text = fs::read_to_string(path.join(page)).unwrap();
+        assert!(text.contains("\\u&#123;202e}bmg") && !text.contains(['\u{202e}', '\u{2066}']), "{page}");
+    }
 }
 
 #[test]

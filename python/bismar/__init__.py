@@ -8,12 +8,14 @@
     picture.save("shot.exr")
 
 Pictures have the bits that the command line renders with the same options. Lengths are metres, angles degrees unless said
-otherwise, colours linear Rec. 709; axes are glTF's (+y up, right-handed). Rendering releases the global lock (GIL).
+otherwise, colours linear Rec. 709; axes are glTF's (+y up, right-handed). NumPy's numbers, bools and arrays are taken for Python's,
+and paths of bytes. What takes time releases the global lock (GIL).
 Messages go to `logging.getLogger("bismar")`.
 """
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import operator
 import os
@@ -31,7 +33,7 @@ from ._heuristics import Moments, of_arrays
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    Path = Union[str, "os.PathLike[str]"]
+    Path = Union[str, bytes, "os.PathLike[str]", "os.PathLike[bytes]"]
 
 __all__ = [
     "Camera",
@@ -92,13 +94,30 @@ class Progress(NamedTuple):
     """Estimated relative error after the last finished pass; None before."""
 
 
+# Parameters with the values on and off, for which True and False stand.
+_SWITCHES = ("adaptive", "compensation", "energy_compensation", "guiding", "learned_lights", "path_reuse")
+
+
+def _plain(value: Any) -> Any:
+    """A value of an array package (NumPy's bool and numbers, arrays of any) as Python's own."""
+    return value.tolist() if hasattr(value, "tolist") else value
+
+
+def _paths(given: Union[Path, Iterable[Path]]) -> List[str]:
+    """Paths, of one as well. Those of bytes are in the encoding of the file system."""
+    if isinstance(given, (str, bytes, os.PathLike)):
+        given = [given]
+    return [os.fsdecode(path) for path in given]
+
+
 def _text(value: Any) -> str:
+    value = _plain(value)
     if isinstance(value, (list, tuple)):
         return ",".join(_text(part) for part in value)
-    if isinstance(value, (str, int)):
+    if isinstance(value, (str, bytes, os.PathLike)):
+        return os.fsdecode(value)
+    if isinstance(value, int):
         return str(value)
-    if isinstance(value, os.PathLike):
-        return str(os.fspath(value))
     if hasattr(value, "__index__"):
         return str(value.__index__())
     try:
@@ -128,13 +147,26 @@ def _count(threads: Any) -> Optional[int]:
         raise UsageError(f"threads: {threads!r} is not a number of threads", 64) from None
 
 
+def _find_denoiser() -> None:
+    """Tells the native half where the package pyoidn is, if it is installed: its folder has the library."""
+    try:
+        found = importlib.util.find_spec("pyoidn")
+    except (ImportError, ValueError):
+        return
+    for folder in (found and found.submodule_search_locations) or ():
+        _bismar.look_for_denoiser(folder)
+
+
 def _flags(given: Dict[str, Any], *others: str) -> List[Tuple[str, Optional[str]]]:
     """The arguments of a function, but for `others`, as flags of the command line."""
     flags: List[Tuple[str, Optional[str]]] = []
     for name, value in given.items():
-        if name in ("energy_compensation", "adaptive") and isinstance(value, bool):
+        if name in others:
+            continue
+        value = _plain(value)
+        if name in _SWITCHES and isinstance(value, bool):
             value = "on" if value else "off"
-        if name in others or value is None or value is False:
+        if value is None or value is False:
             continue
         try:
             # Not by the aliases, which pictures' headers do not have.
@@ -204,7 +236,7 @@ def load(
     or Embree do not suffice.
     """
     options = _flags(locals(), "path", "threads", "velocity") + ([("aov", "velocity")] if velocity else [])
-    return Scene(_bismar.load(path, options, _count(threads)))
+    return Scene(_bismar.load(os.fsdecode(path), options, _count(threads)))
 
 
 class Scene:
@@ -291,13 +323,13 @@ class Scene:
         noise: Optional[float] = None,
         min_spp: Optional[int] = None,
         adaptive: Union[str, bool, None] = None,
-        learned_lights: Optional[str] = None,
-        compensation: Optional[str] = None,
+        learned_lights: Union[str, bool, None] = None,
+        compensation: Union[str, bool, None] = None,
         balance: Union[str, Callable[[Moments], Any], None] = None,
         pilot: Optional[float] = None,
         integrator: Optional[str] = None,
         max_depth: Optional[int] = None,
-        guiding: Optional[str] = None,
+        guiding: Union[str, bool, None] = None,
         guiding_memory: Union[str, int, None] = None,
         clamp_direct: Optional[float] = None,
         clamp_indirect: Optional[float] = None,
@@ -312,7 +344,7 @@ class Scene:
         ground: Optional[str] = None,
         back_faces: Optional[str] = None,
         glass_shadows: Optional[str] = None,
-        path_reuse: Optional[str] = None,
+        path_reuse: Union[str, bool, None] = None,
         light_groups: Optional[str] = None,
         no_clip: bool = False,
         aovs: Union[str, Iterable[str], None] = None,
@@ -334,8 +366,8 @@ class Scene:
             the `Moments` so far between passes (of 8, 8, 16, 32, 64, 128, 128, ... paths, the first with shares of 0.5), and
             returns the light shares of the next one, in [0, 1]: an array (H, W), or one number for all pixels. It needs
             `size` and `spp`. It is slow, and its picture cannot be saved as .exr.
-        guiding, adaptive, learned_lights, compensation: "off", "on" or "auto" (where a pre-pass estimates that it
-            pays) [default: auto with the balance "progressive"]. adaptive: paths per tile by estimated
+        guiding, adaptive, learned_lights, compensation: "off" or False, "on" or True, or "auto" (where a pre-pass estimates
+            that it pays) [default: auto with the balance "progressive"]. adaptive: paths per tile by estimated
             variance and cost.
         seed_per_frame: another noise pattern for each `frame` of `load`.
         crop: window x0, y0, x1, y1 in pixels, the last two exclusive.
@@ -343,7 +375,7 @@ class Scene:
         transparent: hides the environment. ground: "shadow", a plane below the scene that shows only shadows, in alpha.
         back_faces: "show" draws those of single-sided materials. glass_shadows: "straight" lets shadow rays pass bodies of
             smooth glass. no_clip: ignores the camera's clipping planes.
-        path_reuse: "auto", "off", "on", "N" or "N:M": pixels share what their paths find (docs/path-reuse.md).
+        path_reuse: as guiding, or "N" or "N:M": pixels share what their paths find (docs/path-reuse.md).
         light_groups: "NAME=PATTERN,...": layers "light_NAME" of the beauty by named lights, and "light_rest"
             (docs/lights.md).
         aovs: names from docs/pictures.md, or "all" or "none" [default: variance, samples, balance].
@@ -359,8 +391,10 @@ class Scene:
         heuristic = None
         if callable(balance):
             heuristic, balance = balance, None
-            if not isinstance(size, tuple) or len(size) != 2:
+            if not isinstance(size, (tuple, list, np.ndarray)) or len(size) != 2:
                 raise UsageError("balance: a heuristic of one's own needs size=(width, height)", 64)
+        if denoise:
+            _find_denoiser()
         options = _flags(locals(), "self", "progress", "heuristic")
         call = None if progress is None else (lambda *now: progress(Progress(*now)))
         shares = None
@@ -446,9 +480,10 @@ class Picture:
     def denoise(self, layer: str = "beauty") -> npt.NDArray[np.float32]:
         """The beauty, or a layer of lights as "light_key", denoised by Intel Open Image Denoise, float32 (H, W, 3).
 
-        Raises UsageError for a picture that was rendered without `denoise=True`, HostError without the library
-        (docs/pictures.md).
+        Raises UsageError for a picture that was rendered without `denoise=True`, HostError without the library, which
+        `pip install pyoidn` brings (docs/pictures.md).
         """
+        _find_denoiser()
         return self._native.denoised(layer)  # type: ignore[no-any-return]
 
     def save(
@@ -472,7 +507,7 @@ class Picture:
         A file is complete or not there. Raises FileError if it cannot be written.
         """
         shown = _flags({"view": view, "view_space": view_space})
-        self._native.save(path, shown, _text(exposure), resumable, half, colorspace)
+        self._native.save(os.fsdecode(path), shown, _text(exposure), resumable, half, colorspace)
 
     def _repr_png_(self) -> bytes:
         """The picture in a notebook: a PNG with the view AgX and the automatic exposure."""
@@ -500,14 +535,14 @@ class Look:
 
     def save(self, path: Path) -> None:
         """Writes the sheet: .png, lossless .webp or .jpg. Raises UsageError over a scene, FileError if it cannot be written."""
-        self._native.save(path)
+        self._native.save(os.fsdecode(path))
 
     def _repr_png_(self) -> bytes:
         return self._native.png()
 
 
 def look(
-    path: Path,
+    path: Union[Path, Sequence[Path]],
     new: Optional[Path] = None,
     *,
     views: Union[str, Iterable[str], None] = None,
@@ -528,6 +563,7 @@ def look(
 ) -> Look:
     """Shows what is in a scene, or what differs between two scenes or folders of scenes, old and new. Writes no file.
 
+    path: a scene; or a list of scenes: three or more are shown side by side, two are compared.
     views: "front", "three-quarters", "side", "back", "top", "left", "bottom" [default: four of them, docs/look.md].
     size: width and height of a view in pixels [512, 512]. spp: paths per pixel [8].
     frames: frames of the animation, a row for each, as in "0-48x12".
@@ -538,7 +574,7 @@ def look(
     does not suffice, KeyboardInterrupt after Ctrl-C.
     """
     options = _flags(locals(), "path", "new", "threads")
-    return Look(_bismar.look([path] if new is None else [path, new], options, _count(threads)))
+    return Look(_bismar.look(_paths(path) + ([] if new is None else _paths(new)), options, _count(threads)))
 
 
 def compare(a: Union[Picture, Path], b: Union[Picture, Path], *, layer: Optional[str] = None) -> Dict[str, Any]:
@@ -550,7 +586,7 @@ def compare(a: Union[Picture, Path], b: Union[Picture, Path], *, layer: Optional
 
     Raises InputError for pictures of different windows.
     """
-    natives = [picture._native if isinstance(picture, Picture) else picture for picture in (a, b)]
+    natives: List[Union[_bismar.Picture, str]] = [picture._native if isinstance(picture, Picture) else os.fsdecode(picture) for picture in (a, b)]
     return json.loads(_bismar.compare(natives[0], natives[1], layer))  # type: ignore[no-any-return]
 
 
@@ -570,7 +606,7 @@ def merge(
     preview: also write a PNG. statistics: keep what a render could be continued from.
     """
     options = _flags({**locals(), "no_statistics": not statistics}, "parts", "statistics")
-    _bismar.merge(list(parts), options)
+    _bismar.merge(_paths(parts), options)
 
 
 def labels(
@@ -598,7 +634,7 @@ def labels(
     Raises InputError for a picture without the AOV.
     """
     options = _flags(locals(), "pictures")
-    _bismar.labels(list(pictures), options)
+    _bismar.labels(_paths(pictures), options)
 
 
 def develop(
@@ -617,4 +653,4 @@ def develop(
     output: [default: the picture's name with .png, in the same folder]. layer: shown instead of the beauty. mix:
         "NAME=FACTOR,...", the sum of layers of lights times factors (docs/lights.md).
     """
-    _bismar.develop(input, _flags(locals(), "input"))
+    _bismar.develop(os.fsdecode(input), _flags(locals(), "input"))

@@ -60,6 +60,12 @@ fn develop(py: Python, input: PathBuf, options: Vec<Flag>) -> PyResult<()> {
     run::work(py, None, || in_memory::develop(&options, &input))
 }
 
+/// Names the folder of the package pyoidn.
+#[pyfunction]
+fn look_for_denoiser(package: PathBuf) {
+    film::denoise::look_into(&package);
+}
+
 /// Panics, for the test that a panic is an exception.
 #[pyfunction]
 fn _panic(py: Python) -> PyResult<()> {
@@ -82,5 +88,6 @@ fn _bismar(module: &Bound<PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(merge, module)?)?;
     module.add_function(wrap_pyfunction!(labels, module)?)?;
     module.add_function(wrap_pyfunction!(develop, module)?)?;
+    module.add_function(wrap_pyfunction!(look_for_denoiser, module)?)?;
     module.add_function(wrap_pyfunction!(_panic, module)?)
 }

@@ -21,7 +21,7 @@ pub struct Look {
 
 #[pyfunction]
 pub fn look(py: Python, scenes: Vec<PathBuf>, options: Vec<Flag>, threads: Option<usize>) -> PyResult<Look> {
-    let pool = run::pool(threads).map_err(|error| errors::raise(py, &error))?;
+    let pool = run::unlocked(py, || run::pool(threads))?;
     let outcome = run::stoppable(py, &pool, false, None, |stop, _| {
         let mut paths = Paths::default();
         Ok(Look { looked: in_memory::look(&options, &scenes, &mut paths, stop)?, paths })
@@ -42,13 +42,14 @@ impl Look {
     /// The sheet, an array (H, W, 3).
     fn sheet<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let [width, height] = self.looked.sheet.size.map(|n| n as usize);
-        Ok(self.looked.sheet.bytes.clone().into_pyarray(py).reshape([height, width, 3])?.into_any())
+        let bytes = run::unlocked(py, || Ok(self.looked.sheet.bytes.clone()))?;
+        Ok(bytes.into_pyarray(py).reshape([height, width, 3])?.into_any())
     }
 
     /// The views, arrays (H, W, 4).
     fn views<'py>(&self, py: Python<'py>) -> PyResult<Vec<Bound<'py, PyAny>>> {
         let view = |shot: &Shot| {
-            let pixels = shot.pixels.clone().into_flattened();
+            let pixels = run::unlocked(py, || Ok(shot.pixels.clone().into_flattened()))?;
             Ok(pixels.into_pyarray(py).reshape([shot.size[1] as usize, shot.size[0] as usize, 4])?.into_any())
         };
         self.looked.shots.iter().map(view).collect()

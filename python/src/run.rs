@@ -1,6 +1,7 @@
 //! Work of the library without Python's lock (GIL): on a thread pool, with panics caught, and with signals seen.
 
 use std::cell::Cell;
+use std::ffi::OsString;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::process;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
@@ -19,7 +20,7 @@ use bismar::{Error, Result};
 use crate::{errors, log};
 
 /// A flag of the command line: its name and its value.
-pub type Flag = (String, Option<String>);
+pub type Flag = (String, Option<OsString>);
 
 /// Time between looks at signals and calls of the progress callback.
 const INTERVAL: Duration = Duration::from_millis(50);
@@ -100,6 +101,14 @@ pub fn work<T: Send>(py: Python, on: Option<&ThreadPool>, work: impl FnOnce() ->
     done.map_err(|error| errors::raise(py, &error))
 }
 
+/// Does work that needs no pool without the lock: a thread that holds it stops all of Python.
+///
+/// # Errors
+/// Those of [`work`].
+pub fn unlocked<T: Send>(py: Python, work: impl FnOnce() -> Result<T> + Send) -> PyResult<T> {
+    py.detach(|| guarded(work)).map_err(|error| errors::raise(py, &error))
+}
+
 /// Does work that can be stopped and reports progress. The calling thread sees signals and calls `callback` meanwhile; the
 /// work stops if a signal handler or the callback raises an exception, which is returned beside the result, or the callback
 /// returns False. Work that `waits` for another callable has threads of its own.
@@ -118,7 +127,8 @@ pub fn stoppable<T: Send>(
         if let (Some(callback), Some(p)) = (callback, progress) {
             let noise = Some(p.noise).filter(|noise| noise.is_finite());
             let answer = call_back(|| callback.call1(py, (p.fraction, p.seconds, p.mean_spp, noise)))?;
-            if answer.bind(py).is(pyo3::types::PyBool::new(py, false)) {
+            // NumPy's too.
+            if matches!(answer.extract::<bool>(py), Ok(false)) {
                 stop.store(true, Ordering::Relaxed);
             }
         }

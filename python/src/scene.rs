@@ -32,7 +32,7 @@ pub struct Scene {
 
 #[pyfunction]
 pub fn load(py: Python, path: PathBuf, options: Vec<Flag>, threads: Option<usize>) -> PyResult<Scene> {
-    let pool = run::pool(threads).map_err(|error| errors::raise(py, &error))?;
+    let pool = run::unlocked(py, || run::pool(threads))?;
     let scene = run::work(py, Some(&pool), || LoadedScene::load(request(&path, &options)?))?;
     let options = options.into_iter().filter(|(name, _)| name != "aov").collect();
     Ok(Scene { scene: Mutex::new(Arc::new(scene)), path, options, pool })
@@ -60,8 +60,7 @@ impl Scene {
             let calibration = c.calibration.as_ref().map(views::intrinsics).transpose()?;
             Ok((c.name, c.projection, c.vertical, c.aspect, c.to_world, calibration))
         };
-        let cameras: bismar::Result<_> = self.current().cameras().into_iter().map(one).collect();
-        cameras.map_err(|error| errors::raise(py, &error))
+        run::unlocked(py, || self.current().cameras().into_iter().map(one).collect())
     }
 
     fn add_camera(
@@ -72,21 +71,25 @@ impl Scene {
         fov: Option<f64>,
         intrinsics: Option<String>,
     ) -> PyResult<usize> {
-        let measured = intrinsics.as_deref().map(views::field_of_view).transpose();
-        let measured = measured.map_err(|error| errors::raise(py, &error))?;
-        let mut scene = self.scene.lock().unwrap_or_else(PoisonError::into_inner);
-        // A render in another thread keeps the scene as it was.
-        let mut next = LoadedScene::clone(&scene);
-        let fov = measured.unwrap_or_else(|| fov.map_or(FieldOfView::Panorama, FieldOfView::Vertical));
-        let added = next.add_camera(&PlacedCamera { name, to_world: matrix, fov });
-        *scene = Arc::new(next);
-        added.map_err(|error| errors::raise(py, &error))
+        run::unlocked(py, || {
+            let measured = intrinsics.as_deref().map(views::field_of_view).transpose()?;
+            let fov = measured.unwrap_or_else(|| fov.map_or(FieldOfView::Panorama, FieldOfView::Vertical));
+            let mut scene = self.scene.lock().unwrap_or_else(PoisonError::into_inner);
+            // A render in another thread keeps the scene as it was.
+            let mut next = LoadedScene::clone(&scene);
+            let added = next.add_camera(&PlacedCamera { name, to_world: matrix, fov });
+            *scene = Arc::new(next);
+            added
+        })
     }
 
-    fn bounds(&self) -> Option<[[f32; 3]; 2]> {
-        let current = self.current();
-        let scene = current.scene();
-        scene.bounds().map(|corners| corners.map(|corner| (corner.as_dvec3() + scene.origin).as_vec3().to_array()))
+    fn bounds(&self, py: Python) -> PyResult<Option<[[f32; 3]; 2]>> {
+        run::unlocked(py, || {
+            let current = self.current();
+            let scene = current.scene();
+            let bounds = scene.bounds();
+            Ok(bounds.map(|corners| corners.map(|corner| (corner.as_dvec3() + scene.origin).as_vec3().to_array())))
+        })
     }
 
     fn inspect(&self, py: Python) -> PyResult<String> {
@@ -104,7 +107,7 @@ impl Scene {
     ) -> PyResult<(Option<Picture>, Option<PyErr>)> {
         let scene = self.current();
         // The passes of a heuristic are those of this method.
-        let balance = heuristic.as_ref().map(|_| ("balance".to_owned(), Some("kl".to_owned())));
+        let balance = heuristic.as_ref().map(|_| ("balance".to_owned(), Some("kl".into())));
         let options: Vec<_> = self.options.iter().cloned().chain(options).chain(balance).collect();
         let raised = Mutex::new(None);
         let outcome = run::stoppable(py, &self.pool, heuristic.is_some(), progress.as_ref(), |stop, progress| {

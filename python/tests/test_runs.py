@@ -54,6 +54,76 @@ def test_errors_are_exceptions_by_exit_code(cornell, work, kind, code):
     assert isinstance(raised.value, bismar.Error) and raised.value.exit_code == code and str(raised.value)
 
 
+def test_values_of_numpy_and_paths_of_bytes_are_those_of_python(scenes, tmp_path):
+    (tmp_path / "\udcff.glb").write_bytes((scenes / "cornell.glb").read_bytes())
+    path = os.fsencode(tmp_path / "\udcff.glb")
+    scene, same = bismar.load(path), bismar.load(scenes / "cornell.glb")
+    first = same.render(size=(16, 12), spp=2, orbit=(30, 20), transparent=True, adaptive=False, path_reuse=True, denoise=False)
+    given = {"size": np.array([16, 12]), "spp": np.int64(2), "orbit": np.array([30.0, 20.0]), "denoise": np.bool_(False)}
+    second = scene.render(**given, transparent=np.True_, adaptive=np.False_, path_reuse=np.True_)
+    assert (first["beauty"] == second["beauty"]).all() and first["beauty"][..., 3].min() == 0
+    # True is "on", and False "off", not what a pre-pass decides.
+    for name in ["path_reuse", "guiding", "learned_lights", "compensation", "adaptive"]:
+        modes = [same.render(size=(8, 8), spp=2, **{name: value}).stats["settings"] for value in (True, "on", False, "off")]
+        assert modes[0] == modes[1] != modes[2] == modes[3], name
+    environment = os.fsencode(tmp_path / "\udcfe.hdr")
+    with open(environment, "wb") as file:
+        file.write((scenes / "field.hdr").read_bytes())
+    lit = bismar.load(path, env=environment, strict=np.False_, velocity=np.bool_(False)).render(size=(8, 8), spp=1)
+    picture = os.fsencode(tmp_path / "a.exr")
+    lit.save(picture, resumable=np.bool_(True), half=np.bool_(False))
+    bismar.develop(picture, picture + b".png")
+    assert bismar.compare(picture, lit)["rmse"] < 1e-6
+    second.save(tmp_path / "b.exr", resumable=np.bool_(True))
+    same.render(size=(16, 12), spp=2, orbit=(30, 20), aovs="object").save(picture)
+    bismar.labels(picture, picture + b".json", ids=np.bool_(True))
+    bismar.look(path, size=np.array([16, 16]), spp=1).save(picture + b".look.png")
+    assert len(bismar.look([path] * 3, size=(16, 16), spp=1).report["scenes"]) == 3
+    assert sorted(os.listdir(tmp_path))[:5] == ["a.exr", "a.exr.json", "a.exr.look.png", "a.exr.png", "a.object.png"]
+    ended = same.render(size=(128, 128), spp=1_000_000, progress=lambda now: np.bool_(now.seconds < 0.1))
+    assert ended.interrupted
+
+
+def test_no_call_holds_the_lock_while_it_thinks(scenes):
+    scene = bismar.load(scenes / "cornell.glb")
+    lens = {"w": 800, "h": 600, "fl_x": 600, "fl_y": 600, "cx": 400, "cy": 300, "k1": 1e8, "k2": -1e8, "p1": 1e6, "p2": -1e6}
+    longest, last, done = 0.0, time.monotonic(), threading.Event()
+
+    def refused():
+        for _ in range(20):
+            with pytest.raises(bismar.UsageError):
+                scene.add_camera(np.eye(4), intrinsics=lens)
+        done.set()
+
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-4)
+    thread = threading.Thread(target=refused)
+    thread.start()
+    while not done.is_set():
+        now = time.monotonic()
+        longest, last = max(longest, now - last), now
+        time.sleep(0.0005)
+    thread.join()
+    sys.setswitchinterval(before)
+    print(f"{longest:.3f} s without the lock")
+    assert longest < 0.5
+
+
+def test_the_denoiser_of_the_package_pyoidn_is_found(scenes, tmp_path):
+    library = tmp_path / "pyoidn/oidn/lib/libOpenImageDenoise.so.2"
+    library.parent.mkdir(parents=True)
+    (tmp_path / "pyoidn/__init__.py").write_text("raise ImportError('it needs cffi')")
+    names = ["NewDevice", "NewFilter", "SetSharedFilterImage", "SetFilterBool", "GetDeviceError", "CommitDevice", "CommitFilter",
+             "ReleaseFilter", "ReleaseDevice", "ExecuteFilter"]
+    code = "static int x;" + "".join(f"void *oidn{name}() {{ return {'&x' if 'New' in name else 0}; }}" for name in names)
+    subprocess.run(["cc", "-shared", "-fPIC", "-w", "-x", "c", "-o", str(library), "-"], input=code, text=True, check=True)
+    program = f"import bismar; p = bismar.load({str(scenes / 'cornell.glb')!r}).render(size=(8, 8), spp=1, denoise=True); print(p.denoise().sum())"
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path), "HOME": "/nowhere", "PATH": "/nowhere/bin"}
+    environment.pop("BISMAR_OIDN", None)
+    said = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True)
+    assert said.stdout == "0.0\n", said.stderr
+
+
 def test_a_scene_that_vanishes_between_renders_is_not_missed(scenes, tmp_path):
     path = tmp_path / "scene.glb"
     path.write_bytes((scenes / "cornell.glb").read_bytes())

@@ -16,7 +16,7 @@ use crate::console::args::threads;
 use crate::console::{Verbosity, Verdict};
 use crate::film::atomic;
 use crate::{Error, Result};
-pub use plan::{plan, read};
+pub use plan::{Planned, parse_flags, plan, read};
 pub use work::Work;
 pub use worker::run as work;
 

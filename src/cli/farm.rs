@@ -16,7 +16,7 @@ use super::render::{self, command};
 use crate::batch::frames::split;
 use crate::batch::job::Job;
 use crate::batch::numbering::with_placeholder;
-use crate::cli::batch;
+use crate::cli::batch::{self, Planned};
 use crate::console::{Verdict, print, print_json, say};
 use crate::farm::sessions::{Sessions, record_path};
 use crate::farm::slurm::{self, Submitted, TaskOptions, quoted};
@@ -24,6 +24,8 @@ use crate::farm::{PLAN, Plan, openjd, utf8};
 use crate::film::atomic;
 use crate::film::lock::{Claim, claim};
 use crate::film::lut::is_lut;
+use crate::job::DEFAULT_SIZE;
+use crate::render::{RenderSettings, tile_positions};
 use crate::{Error, Result};
 use site::{DEFAULT_ARRAY_SIZE, Queue, QueueState, Site, sbatch};
 use status::StatusArgs;
@@ -119,7 +121,7 @@ pub fn run(args: &FarmArgs) -> Result<Verdict> {
 fn submit(args: &SubmitArgs) -> Result<Verdict> {
     let is_batch = has_ending(&args.input, &["toml"]);
     let renders = match (is_batch, args.flags.is_empty()) {
-        (true, true) => renders_of_batch(&args.input, &args.root)?,
+        (true, true) => renders_of_batch(args)?,
         (true, false) => return Err(Error::Usage("a batch file contains its flags: none may follow --".into())),
         (false, _) => vec![render_of_scene(args)?],
     };
@@ -140,7 +142,8 @@ fn submit(args: &SubmitArgs) -> Result<Verdict> {
     }
 }
 
-fn renders_of_batch(path: &Path, roots: &[PathBuf]) -> Result<Vec<Job>> {
+fn renders_of_batch(args: &SubmitArgs) -> Result<Vec<Job>> {
+    let path = &args.input;
     let command = command();
     let one = |job: Job| {
         let flags = absolute_flags(&command, job.flags)?;
@@ -148,11 +151,27 @@ fn renders_of_batch(path: &Path, roots: &[PathBuf]) -> Result<Vec<Job>> {
     };
     let jobs = batch::read(path)?;
     // Flags are checked per frame; tasks take whole sequences.
-    let roots = batch::roots(path, roots);
+    let roots = batch::roots(path, &args.root);
     for planned in batch::plan(Some(path), jobs.clone())?.0 {
         planned.request.outputs().try_for_each(|output| atomic::check_below(output, &roots))?;
+        check_parts(&planned, args.parts)?;
     }
     jobs.into_iter().map(one).collect()
+}
+
+/// Every part of a picture needs a tile.
+fn check_parts(Planned { job, request }: &Planned, parts: u32) -> Result<()> {
+    // A scene that is not read has no aspect ratio; no other picture without a size has thousands of parts.
+    let (width, height) = request.size.map_or(DEFAULT_SIZE, |size| (size.0, size.1));
+    let settings = RenderSettings { width, height, ..request.settings.clone() };
+    let tiles = tile_positions(&settings).len();
+    if parts as usize > tiles {
+        let ([x0, y0, x1, y1], name) = (settings.window(), &job.name);
+        let size = format!("{} x {}", x1.saturating_sub(x0), y1.saturating_sub(y0));
+        let why = format!("a picture of {size} pixels has {tiles} tiles: give fewer parts, or --size");
+        return Err(Error::Usage(format!("--parts {parts}: '{name}': {why}")));
+    }
+    Ok(())
 }
 
 /// The flags with absolute paths.
@@ -186,7 +205,9 @@ fn render_of_scene(args: &SubmitArgs) -> Result<Job> {
     let name = if render.frames.is_some() { with_placeholder(name) } else { name };
     let (scene, output) = (absolute_path(&args.input)?, absolute_path(&render.output())?);
     let job = Job { name, scene, flags, output, ..Job::default() };
-    split(job.clone()).map_err(|(_, why)| Error::Usage(format!("after --: {why}")))?;
+    for frame in split(job.clone()).map_err(|(_, why)| Error::Usage(format!("after --: {why}")))? {
+        check_parts(&batch::parse_flags(None, &command, frame)?, args.parts)?;
+    }
     Ok(job)
 }
 

@@ -1,6 +1,6 @@
 //! Values of flags that are library types, with the help text of each.
 
-use std::ffi::OsStr;
+use std::ffi::{OsStr, OsString};
 use std::path::Path;
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
@@ -31,7 +31,7 @@ pub fn value_of<T: FlagValue>() -> impl TypedValueParser<Value = T> {
 }
 
 /// Options of a command: the names of flags without dashes, and their values; `None` for switches.
-pub type Options = [(String, Option<String>)];
+pub type Options = [(String, Option<OsString>)];
 
 /// Parses options as the command line does.
 ///
@@ -41,8 +41,8 @@ pub fn parse<T: Args>(name: &'static str, options: &Options, inputs: &[impl AsRe
     let command = T::augment_args(Command::new(name));
     let mut line = vec![name.into()];
     line.extend(options.iter().map(|(name, value)| match value {
-        Some(value) => format!("--{name}={value}").into(),
-        None => format!("--{name}").into(),
+        Some(value) => [format!("--{name}=").as_ref(), value.as_os_str()].into_iter().collect(),
+        None => OsString::from(format!("--{name}")),
     }));
     line.push("--".into());
     line.extend(inputs.iter().map(|path| path.as_ref().to_owned()));

@@ -66,7 +66,12 @@ pub fn given(command: &Command, matches: &ArgMatches) -> Result<Vec<(String, Opt
 /// [`Error::Usage`](crate::Error::Usage).
 pub fn request(scene: &Path, options: &Options) -> Result<RenderRequest> {
     let mut args: RenderArgs = parse("render", options, &[scene])?;
-    args.given = Some(options.to_vec());
+    let text = |value: &OsString| value.to_str().map(str::to_owned);
+    let flag = |(name, value): &(String, Option<OsString>)| match value {
+        Some(value) => Some((name.clone(), Some(text(value)?))),
+        None => Some((name.clone(), None)),
+    };
+    args.given = options.iter().map(flag).collect();
     args.request()
 }
 

@@ -122,7 +122,7 @@ fn line(level: Level, text: &str) {
 
 /// Escapes control characters except newlines and tabs, and those that change the direction of the text around them (Unicode
 /// Standard Annex 9): a terminal would show other words than those that are there.
-pub(super) fn escaped(text: &str) -> String {
+pub fn escaped(text: &str) -> String {
     let turns =
         |c| matches!(c, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
     let control = |c: char| (c.is_control() && c != '\n' && c != '\t') || turns(c);

@@ -26,7 +26,7 @@ use clap::Parser;
 use crate::film::atomic;
 use crate::{Error, Result};
 pub use args::Size;
-use logging::escaped;
+pub use logging::escaped;
 pub use logging::{Format as LogFormat, Verbosity, say};
 pub use paths::Paths;
 pub use progress::Reporter;

@@ -18,7 +18,7 @@ mod session;
 pub mod stats;
 mod warnings;
 
-pub use choose::{settings, size};
+pub use choose::{DEFAULT_SIZE, settings, size};
 pub use command::PictureCommand;
 pub use denoise::work as denoise;
 pub use in_memory::{CameraInfo, Heuristic, LoadedScene, PixelMoments, RenderedPicture, Values, compare};

@@ -18,6 +18,11 @@ const ENVIRONMENT: &str = "env";
 /// The text of the groups by kind, which no list of names is.
 const KINDS: &str = "by kind";
 
+/// Most bytes of a pattern. To match a name takes at most as many steps for each of its characters.
+const MAX_PATTERN: usize = 256;
+/// Most bytes of all.
+const MAX_TEXT: usize = 4096;
+
 /// Groups of lights: `NAME=PATTERN,...`. A name alone, or with several patterns, one after the other, is allowed. Or those of the
 /// kinds of lights.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -34,6 +39,9 @@ impl FromStr for LightGroups {
     type Err = String;
 
     fn from_str(text: &str) -> std::result::Result<Self, String> {
+        if text.len() > MAX_TEXT {
+            return Err(format!("{} bytes: at most {MAX_TEXT}; a pattern with * stands for many names", text.len()));
+        }
         let (mut names, mut patterns) = (Vec::<String>::new(), Vec::new());
         for item in text.split(',').map(str::trim) {
             let (name, pattern) = item.split_once('=').map_or((item, None), |(name, pattern)| (name, Some(pattern)));
@@ -49,6 +57,9 @@ impl FromStr for LightGroups {
                 names.len() - 1
             });
             if let Some(pattern) = pattern {
+                if pattern.len() > MAX_PATTERN {
+                    return Err(format!("a pattern of '{name}' has {} bytes: at most {MAX_PATTERN}", pattern.len()));
+                }
                 let pattern = Pattern::new(pattern).map_err(|e| format!("'{item}': {}", e.msg))?;
                 patterns.push((group, pattern));
             }

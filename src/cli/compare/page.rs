@@ -8,10 +8,10 @@ use base64::engine::general_purpose::STANDARD;
 
 use super::difference::false_color;
 use super::report::short;
-use crate::Result;
 use crate::film::compare::{Comparison, flip_map};
 use crate::film::preview::{encoded, encoded_picture, to_byte};
 use crate::film::{Exposure, Look, Picture, View, atomic};
+use crate::{Result, console};
 
 const TEMPLATE: &str = include_str!("page.html");
 
@@ -64,11 +64,11 @@ pub fn page(names: [&Path; 2], [a, b]: [&Picture; 2], c: &Comparison, above: &st
     Ok(text)
 }
 
-/// Text in HTML or XML, or in an attribute of these, that fills no placeholder. What XML 1.0 does not allow (control characters,
-/// U+FFFE, U+FFFF) becomes spaces.
+/// Text in HTML or XML, or in an attribute of these, that fills no placeholder and changes no direction of the text around it. What
+/// XML 1.0 does not allow besides (U+FFFE, U+FFFF) becomes spaces.
 pub fn escaped(text: &str) -> String {
-    let plain: String =
-        text.chars().map(|c| if c.is_control() || matches!(c, '\u{FFFE}' | '\u{FFFF}') { ' ' } else { c }).collect();
+    let space = |c| matches!(c, '\n' | '\t' | '\u{FFFE}' | '\u{FFFF}');
+    let plain = console::escaped(text).replace(space, " ");
     let plain = plain.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
     plain.replace('"', "&quot;").replace('{', "&#123;")
 }
@@ -80,6 +80,6 @@ mod tests {
     #[test]
     fn a_name_fills_no_placeholder_and_is_what_xml_allows() {
         assert!(!escaped("{{{rows}}").contains("{{rows}}"));
-        assert_eq!(escaped("a\u{FFFF}\u{1}<\"é"), "a  &lt;&quot;é");
+        assert_eq!(escaped("a\u{FFFF}\n\u{1}<\"é\u{202e}"), "a  \\u&#123;1}&lt;&quot;é\\u&#123;202e}");
     }
 }

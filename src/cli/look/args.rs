@@ -16,12 +16,13 @@ use crate::{Error, Result};
 /// Show what is in a scene: a contact sheet of labelled views, and JSON of its contents and of what the views show.
 ///
 /// Of two scenes, old and new, the sheet shows both in one framing with their FLIP error map, and the JSON says what differs; of
-/// two folders, which scenes were added, removed and changed (docs/look.md). A scene without light gets the studio light of
-/// `render`. Base colours much finer than the views show are halved (docs/limits.md).
+/// two folders, which scenes were added, removed and changed (docs/look.md). Three scenes or more are side by side on one sheet.
+/// A scene without light gets the studio light of `render`. Base colours much finer than the views show are halved
+/// (docs/limits.md).
 #[derive(Debug, Args)]
 pub struct LookArgs {
-    /// The scene, .gltf or .glb; or two scenes, or two folders of scenes, old and new.
-    #[arg(required = true, num_args = 1..=2, value_name = "SCENE")]
+    /// The scene, .gltf or .glb; or two scenes, or two folders of scenes, old and new; or three scenes or more.
+    #[arg(required = true, num_args = 1.., value_name = "SCENE")]
     pub scenes: Vec<PathBuf>,
     #[command(flatten)]
     pub selection: SelectionArgs,
@@ -29,7 +30,7 @@ pub struct LookArgs {
     #[arg(long, value_name = "FRAMES", conflicts_with_all = ["pose", "frame"], help_heading = "View")]
     pub frames: Option<Frames>,
     /// Views, separated by commas [default: front, three-quarters, side, and top of a scene that is less than half as high as it
-    /// is wide and deep, else back; of folders three-quarters].
+    /// is wide and deep, else back; of folders, and of three scenes or more, three-quarters].
     #[arg(long, value_enum, value_name = "LIST", value_delimiter = ',', help_heading = "View")]
     pub views: Vec<Direction>,
     /// Size of a view in pixels.
@@ -64,12 +65,17 @@ impl LookArgs {
     pub fn check(&self) -> Result<()> {
         let selection = self.selection.selection();
         selection.check(self.frames.is_some() || selection.is_posed(), false, Backend::Embree)?;
-        if self.scenes.len() == 1 && (self.max_flip.is_some() || self.page.is_some()) {
-            return Err(Error::Usage("--max-flip and --page compare two scenes; there is one".into()));
+        let count = self.scenes.len();
+        if count != 2 && (self.max_flip.is_some() || self.page.is_some()) {
+            return Err(Error::Usage(format!("--max-flip and --page compare two scenes; the number given is {count}")));
         }
         let frames = self.frames.as_ref().map_or(1, |frames| frames.numbers().len()) as u64;
-        let views = if self.views.is_empty() { 4 } else { self.views.len() } as u64;
-        let pixels = u64::from(self.size.0) * u64::from(self.size.1) * self.scenes.len() as u64;
+        let views = match self.views.len() {
+            0 if count > 2 => 1,
+            0 => 4,
+            given => given as u64,
+        };
+        let pixels = u64::from(self.size.0) * u64::from(self.size.1) * count as u64;
         if pixels.saturating_mul(frames).saturating_mul(views) > MAX_PIXELS {
             let most = MAX_PIXELS >> 20;
             return Err(Error::Usage(format!(
@@ -87,7 +93,10 @@ impl LookArgs {
             let name = if full.is_dir() { full.file_name() } else { full.file_stem() };
             name.unwrap_or("scene".as_ref()).to_string_lossy().into_owned()
         };
-        let names: Vec<String> = self.scenes.iter().map(stem).collect();
+        let names = match &self.scenes[..] {
+            [first, _, _, ..] => vec![stem(first), format!("and-{}-more", self.scenes.len() - 1)],
+            all => all.iter().map(stem).collect(),
+        };
         self.output.clone().unwrap_or_else(|| format!("{}.look.png", names.join("-")).into())
     }
 

@@ -1,9 +1,9 @@
 //! Two folders of scenes: what was added, removed and changed.
 
-use std::collections::BTreeSet;
-use std::fs;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
+use std::{fs, io};
 
 use serde_json::{Value, json};
 
@@ -22,6 +22,8 @@ use crate::{Error, Result};
 const MAX_ON_SHEET: usize = 32;
 /// Depth of folders in folders.
 const MAX_DEPTH: usize = 16;
+/// Exit code if anything was left out: that of data that cannot be used.
+const LEFT_OUT: u8 = 65;
 
 /// Looks at two folders, old and new.
 ///
@@ -32,8 +34,12 @@ pub fn look(args: &LookArgs, folders: [&Path; 2], paths: &mut Paths, stop: &Atom
     if args.page.is_some() {
         return Err(Error::Usage("--page shows one pair of scenes, not two folders of them".into()));
     }
-    let [old, new] = [scenes(folders[0])?, scenes(folders[1])?];
-    if old.is_empty() && new.is_empty() {
+    let [(mut old, left), (mut new, left_new)] = [scenes(folders[0])?, scenes(folders[1])?];
+    let left_out: BTreeMap<PathBuf, &str> = left.into_iter().chain(left_new).collect();
+    // What was left out on one side was neither added nor removed.
+    let is_known = |name: &PathBuf| !name.ancestors().any(|part| left_out.contains_key(part));
+    [&mut old, &mut new].into_iter().for_each(|names| names.retain(is_known));
+    if left_out.is_empty() && old.is_empty() && new.is_empty() {
         let [a, b] = folders.map(Path::display);
         return Err(Error::Missing(format!("{a} and {b}: there is no .glb or .gltf file in these folders")));
     }
@@ -55,6 +61,10 @@ pub fn look(args: &LookArgs, folders: [&Path; 2], paths: &mut Paths, stop: &Atom
     let removed: Vec<String> = old.difference(&new).map(|name| name.display().to_string()).collect();
     for (what, names) in [("added", &added), ("removed", &removed)] {
         lines.extend(names.iter().map(|name| format!("{name}: {what}")));
+    }
+    for (name, why) in &left_out {
+        lines.push(format!("{}: left out: {why}", name.display()));
+        codes.push(LEFT_OUT);
     }
     for name in old.intersection(&new) {
         let pair = folders.map(|folder| folder.join(name));
@@ -93,11 +103,7 @@ pub fn look(args: &LookArgs, folders: [&Path; 2], paths: &mut Paths, stop: &Atom
     let title = [folders.map(|folder| folder.display().to_string()).join(" -> "), counts.clone()];
     let sheet = Sheet::of(&title, cells, 3, [args.size.0, args.size.1]);
     lines.push(counts);
-    let verdict = match codes.iter().max() {
-        None => Verdict::Done,
-        Some(1) => Verdict::Beyond,
-        Some(code) => Verdict::Worst(*code),
-    };
+    let left_out = left_out.iter().map(|(name, why)| json!({ "name": name.display().to_string(), "why": why }));
     let report = json!({
         "schema": SCHEMA,
         "size": [args.size.0, args.size.1],
@@ -108,30 +114,52 @@ pub fn look(args: &LookArgs, folders: [&Path; 2], paths: &mut Paths, stop: &Atom
         "on_sheet": changed.len().min(MAX_ON_SHEET),
         "changed": changed,
         "failed": failed,
+        "left_out": left_out.collect::<Vec<_>>(),
         "max_flip": args.max_flip,
         "within": codes.is_empty(),
     });
-    Ok(Looked { sheet, shots: Vec::new(), report, lines, verdict, page: None })
+    Ok(Looked { sheet, shots: Vec::new(), report, lines, verdict: verdict(&codes), page: None })
 }
 
 fn failure(name: &str, error: &Error) -> Value {
     json!({ "name": name, "error": error.to_string(), "exit_code": error.exit_code() })
 }
 
-/// The scenes below a folder, relative to it. Links to folders are not followed.
-fn scenes(folder: &Path) -> Result<BTreeSet<PathBuf>> {
-    let mut found = BTreeSet::new();
+/// The verdict of these exit codes of scenes.
+pub fn verdict(codes: &[u8]) -> Verdict {
+    match codes.iter().max() {
+        None => Verdict::Done,
+        Some(1) => Verdict::Beyond,
+        Some(code) => Verdict::Worst(*code),
+    }
+}
+
+/// The scenes below a folder, and what was left out with why, relative to it. Links lead to files below the folder alone: those to
+/// its own folders would show scenes twice.
+fn scenes(folder: &Path) -> Result<(BTreeSet<PathBuf>, Vec<(PathBuf, &'static str)>)> {
+    let failed = |path: &Path, e: &io::Error| Error::reading(path, e);
+    let place = folder.canonicalize().map_err(|e| failed(folder, &e))?;
+    let (mut found, mut left_out) = (BTreeSet::new(), Vec::new());
     let mut open = vec![(folder.to_owned(), 0)];
     while let Some((inside, depth)) = open.pop() {
-        let entries = fs::read_dir(&inside).map_err(|e| Error::reading(&inside, &e))?;
-        for entry in entries.flatten() {
-            let path = entry.path();
-            if entry.file_type().is_ok_and(|kind| kind.is_dir()) {
-                open.extend((depth < MAX_DEPTH).then_some((path, depth + 1)));
-            } else if has_ending(&path, &["glb", "gltf"]) {
-                found.extend(path.strip_prefix(folder).map(Path::to_owned).ok());
+        for entry in fs::read_dir(&inside).map_err(|e| failed(&inside, &e))? {
+            let entry = entry.map_err(|e| failed(&inside, &e))?;
+            let (path, is_link) = (entry.path(), entry.file_type().is_ok_and(|kind| kind.is_symlink()));
+            let name = path.strip_prefix(folder).unwrap_or(&path).to_owned();
+            // Where it leads, if there is anything.
+            let target = path.canonicalize().ok();
+            let leads_out = is_link && target.as_ref().is_some_and(|target| !target.starts_with(&place));
+            let is_scene = has_ending(&path, &["glb", "gltf"]);
+            match path.is_dir() {
+                true if leads_out => left_out.push((name, "a link to a folder elsewhere")),
+                true if is_link => {}
+                true if depth == MAX_DEPTH => left_out.push((name, "too deep in folders")),
+                true => open.push((path, depth + 1)),
+                false if is_scene && leads_out => left_out.push((name, "a link to a file elsewhere")),
+                false if is_scene && !path.is_file() => left_out.push((name, "no file")),
+                false => found.extend(is_scene.then_some(name)),
             }
         }
     }
-    Ok(found)
+    Ok((found, left_out))
 }

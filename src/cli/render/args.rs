@@ -6,8 +6,8 @@ use clap::Args;
 use tracing::info;
 
 use super::values::{
-    AovList, OnByDefault, PartFlag, PixelPath, Preset, TechniqueFlags, aov_list, balance, blades, crop, finite,
-    light_radius, not_negative, part_flag, pixel_path, preset, share, sun_angle,
+    AovList, OnByDefault, PartFlag, PixelPath, Preset, TechniqueFlags, aov_list, balance, blades, crop, env_strength,
+    finite, light_radius, part_flag, pixel_path, preset, share, sun_angle,
 };
 use crate::batch::frames::Frames;
 use crate::batch::job::Job;
@@ -138,7 +138,7 @@ pub struct RenderArgs {
         value_parser = finite, help_heading = "Light")]
     pub env_rotate: f32,
     /// Factor on the radiance of --env, --sky or --sunsky.
-    #[arg(long, value_name = "X", default_value_t = 1.0, requires = "infinite", value_parser = not_negative,
+    #[arg(long, value_name = "X", default_value_t = 1.0, requires = "infinite", value_parser = env_strength,
         help_heading = "Light")]
     pub env_strength: f32,
     /// Uniform white environment.

@@ -9,7 +9,7 @@ use crate::film::Aov;
 use crate::integrator::Reuse;
 use crate::render::techniques::Row;
 use crate::render::{Balance, Choice, Part, PerTechnique, Technique};
-use crate::scene::MAX_RADIUS;
+use crate::scene::{Environment, MAX_RADIUS};
 
 type Parsed<T> = std::result::Result<T, String>;
 
@@ -186,6 +186,12 @@ fn part_of(task: ArrayTask, rest: &str) -> Parsed<Part> {
 /// Parser of `--light-radius`.
 pub fn light_radius(text: &str) -> Parsed<f32> {
     not_negative(text).ok().filter(|x| *x <= MAX_RADIUS).ok_or(format!("not metres from 0 to {MAX_RADIUS:e}"))
+}
+
+/// Parser of `--env-strength`.
+pub fn env_strength(text: &str) -> Parsed<f32> {
+    let most = Environment::MAX_STRENGTH;
+    not_negative(text).ok().filter(|x| *x <= most).ok_or(format!("not a number from 0 to {most:e}"))
 }
 
 /// Parser of `--sun-angle`.

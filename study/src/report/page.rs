@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use bismar::Result;
+use bismar::console::escaped;
 use image::RgbImage;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
@@ -142,7 +143,7 @@ impl Page {
             files::folder(&svgs)?;
         }
         for (name, svg) in &self.charts {
-            files::write(&svgs.join(format!("{name}.svg")), chart::standalone(svg))?;
+            files::write(&svgs.join(format!("{name}.svg")), escaped(&chart::standalone(svg)))?;
         }
         files::write(&folder.join("report.html"), self.html())
     }
@@ -166,7 +167,7 @@ impl Page {
                 }
             }
         };
-        page.0 + "\n"
+        escaped(&page.0) + "\n"
     }
 }
 

@@ -1,7 +1,9 @@
 //! Intel's Open Image Denoise, loaded at run time: it is needed neither to build nor to render.
 
 use std::ffi::{CStr, c_char, c_int, c_void};
+use std::path::{Path, PathBuf};
 use std::ptr;
+use std::sync::{Mutex, PoisonError};
 
 use libloading::Library;
 
@@ -12,6 +14,10 @@ use crate::{Error, Result};
 
 /// The environment variable with the path of the library.
 const VARIABLE: &str = "BISMAR_OIDN";
+/// Where the Python package pyoidn has the library, below its own folder.
+const IN_PACKAGE: &str = "oidn/lib/libOpenImageDenoise.so.2";
+/// The library in a folder of that package which a caller has named.
+static NAMED: Mutex<Option<PathBuf>> = Mutex::new(None);
 /// File names of the library on common systems, newest first.
 const NAMES: [&str; 3] = ["libOpenImageDenoise.so.2", "libOpenImageDenoise.so.1", "libOpenImageDenoise.so"];
 
@@ -31,18 +37,50 @@ type SetBool = unsafe extern "C" fn(Handle, *const c_char, bool);
 type GetError = unsafe extern "C" fn(Handle, *mut *const c_char) -> c_int;
 type Action = unsafe extern "C" fn(Handle);
 
+/// Names the folder of the package pyoidn: [`Denoiser::load`] also looks into it.
+pub fn look_into(package: &Path) {
+    *NAMED.lock().unwrap_or_else(PoisonError::into_inner) = Some(package.join(IN_PACKAGE));
+}
+
+/// The libraries of the package pyoidn of all Pythons that the environment names: by a virtual environment or `PATH`, of the
+/// user's own, and those of pyenv, whose folder in `PATH` has no library beside it.
+fn of_packages() -> Vec<PathBuf> {
+    let variable = |name| std::env::var_os(name).map(PathBuf::from);
+    let path = std::env::var_os("PATH").unwrap_or_default();
+    let mut roots: Vec<PathBuf> = ["VIRTUAL_ENV", "CONDA_PREFIX"].into_iter().filter_map(variable).collect();
+    let beside = |folder: PathBuf| folder.parent().map(Path::to_owned).filter(|_| folder.is_absolute());
+    roots.extend(std::env::split_paths(&path).filter_map(beside));
+    roots.extend(variable("HOME").map(|home| home.join(".local")));
+    let below = |folder: PathBuf| {
+        let mut found: Vec<_> = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|e| e.path()).collect();
+        found.sort_by(|a, b| b.cmp(a));
+        found
+    };
+    let versions: Vec<PathBuf> = roots.iter().flat_map(|root| below(root.join("versions"))).collect();
+    let pythons = roots.into_iter().chain(versions).flat_map(|root| below(root.join("lib")));
+    let is_python =
+        |folder: &PathBuf| folder.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"python3"));
+    let packages =
+        pythons.filter(is_python).flat_map(|python| ["site-packages", "dist-packages"].map(|of| python.join(of)));
+    let own = NAMED.lock().unwrap_or_else(PoisonError::into_inner).clone();
+    let libraries = own.into_iter().chain(packages.map(|packages| packages.join("pyoidn").join(IN_PACKAGE)));
+    libraries.filter(|library| library.is_file()).collect()
+}
+
 impl Denoiser {
-    /// Loads the library.
+    /// Loads the library: of the system, else of the Python package pyoidn.
     ///
     /// # Errors
     /// [`Error::Host`] with how to install it.
     pub fn load() -> Result<Self> {
-        let path = std::env::var_os(VARIABLE);
-        let names = path.map_or_else(|| NAMES.iter().map(Into::into).collect(), |name| vec![name]);
+        let names = match std::env::var_os(VARIABLE) {
+            Some(name) => vec![name],
+            None => NAMES.iter().map(Into::into).chain(of_packages().into_iter().map(Into::into)).collect(),
+        };
         let mut why = String::new();
         for name in &names {
             // SAFETY: loading runs the library's initialisers: Open Image Denoise's set up its own state alone. The file is
-            // found as any shared library of the system is, or by name from the user's own environment.
+            // found as any shared library of the system is, or where the user's own environment says.
             match unsafe { Library::new(name) } {
                 Ok(library) => return Ok(Self { library }),
                 Err(e) if why.is_empty() => why = e.to_string(),
@@ -50,9 +88,9 @@ impl Denoiser {
             }
         }
         Err(Error::Host(format!(
-            "--denoise oidn: Open Image Denoise is not installed ({why}): install your system's package of it, \
-             or unpack a release from https://github.com/RenderKit/oidn/releases and set {VARIABLE} to \
-             its lib/libOpenImageDenoise.so.2"
+            "--denoise oidn: Open Image Denoise is not installed ({why}): `pip install pyoidn`, in an active virtual environment, \
+             brings it; or unpack a release from https://github.com/RenderKit/oidn/releases and set {VARIABLE} to its \
+             lib/libOpenImageDenoise.so.2"
         )))
     }
 

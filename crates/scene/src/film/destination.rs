@@ -11,6 +11,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 use rustix::fs::OFlags;
+use rustix::io::Errno;
 
 use crate::{Error, Result};
 
@@ -74,16 +75,19 @@ pub fn confine(folders: &[PathBuf]) {
 
 /// The command line names this output: it is written wherever it is, through links and over any file.
 pub fn named(path: &Path) {
-    if let Ok(path) = std::path::absolute(path)
-        && !is_of_a_plan()
-    {
-        rule(|rule| rule.get_or_insert_default().named.insert(path));
+    if !is_of_a_plan() {
+        rule(|rule| rule.get_or_insert_default().named.insert(absolute(path)));
     }
+}
+
+/// The absolute path, or, in a folder that was removed, the path as it is.
+fn absolute(path: &Path) -> PathBuf {
+    std::path::absolute(path).unwrap_or_else(|_| path.into())
 }
 
 /// Is this output one that the command line does not name?
 pub(super) fn is_confined(path: &Path) -> bool {
-    let path = std::path::absolute(path).unwrap_or_else(|_| path.into());
+    let path = absolute(path);
     let is_command = IS_COMMAND.load(Ordering::Relaxed) || OWN_RULE.with_borrow(Option::is_some);
     is_command && rule(|rule| rule.as_ref().is_some_and(|rule| !rule.named.contains(&path)))
 }
@@ -154,29 +158,39 @@ pub fn folder_of(file: &Path) -> &Path {
 /// Most symbolic links from one to the next: the limit of Linux.
 const MAX_LINKS: u32 = 40;
 
-/// The path of a file that may not exist yet, without links and `..`, as far as its folders exist.
+/// The path of a file that may not exist yet, without links and `..`, as far as its folders exist. The current folder may not: it
+/// may have been removed.
 pub fn place_of(path: &Path) -> PathBuf {
-    place_behind(path, 0)
-}
-
-fn place_behind(path: &Path, links: u32) -> PathBuf {
-    if let Ok(place) = path.canonicalize() {
-        return place;
-    }
-    if path.parent().is_none() {
-        return path.to_owned();
-    }
-    let folder = folder_of(path);
-    if links < MAX_LINKS
-        && let Ok(to) = fs::read_link(path)
-    {
-        return place_behind(&folder.join(to), links + 1);
-    }
-    let mut place = place_behind(folder, links);
-    match path.file_name() {
-        Some(name) => place.push(name),
-        // It ends in `..`.
-        None => drop(place.pop()),
+    /// Linux opens no longer path.
+    const PATH_MAX: usize = 4096;
+    let (mut path, mut links) = (path.to_owned(), 0);
+    // The names after the last folder that exists, from the last on.
+    let mut rest = Vec::new();
+    let mut place = loop {
+        let folder = folder_of(&path);
+        let is_last = path.parent().is_none() || folder == path || path.as_os_str().len() >= PATH_MAX;
+        match path.canonicalize() {
+            Ok(place) => break place,
+            Err(e) if is_last || Errno::from_io_error(&e) == Some(Errno::LOOP) => break path,
+            Err(_) => {}
+        }
+        path = match fs::read_link(&path).ok().filter(|_| links < MAX_LINKS) {
+            Some(to) => {
+                links += 1;
+                folder.join(to)
+            }
+            None => {
+                rest.push(path.file_name().map(OsString::from));
+                folder.to_owned()
+            }
+        };
+    };
+    for name in rest.iter().rev() {
+        match name {
+            Some(name) => place.push(name),
+            // It ends in `..`.
+            None => drop(place.pop()),
+        }
     }
     place
 }

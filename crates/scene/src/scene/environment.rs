@@ -19,7 +19,7 @@ pub struct Environment {
     pub pixels: Arc<[[f32; 3]]>,
     /// Rotation about +y in radians.
     pub rotation: f32,
-    /// Factor of the radiance, ≥ 0.
+    /// Factor of the radiance, 0 to [`MAX_STRENGTH`](Self::MAX_STRENGTH).
     pub strength: f32,
 }
 
@@ -31,6 +31,9 @@ const STUDIO_LIGHTS: [(Vec3, f32, f32); 2] = [
 ];
 
 impl Environment {
+    /// Largest strength: with it, sums of squares over a picture stay finite as 32-bit floats.
+    pub const MAX_STRENGTH: f32 = 1e10;
+
     /// Default light for scenes without light: a grey gradient, brighter above, with a large soft key light and a smaller rim
     /// light. A white surface that faces the key light reflects a radiance of about 1.
     pub fn studio() -> Self {

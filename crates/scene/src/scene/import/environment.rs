@@ -72,7 +72,7 @@ impl EnvironmentFile {
     /// NaN and negative values become 0, large and infinite values 65504 (the largest half float), with a warning.
     ///
     /// # Errors
-    /// [`Error::Usage`] for a rotation or strength that is not finite or a negative strength; [`Error::Data`] for a picture
+    /// [`Error::Usage`] for a rotation that is not finite, or a strength out of its range; [`Error::Data`] for a picture
     /// that cannot be decoded or has more than 2^27 pixels.
     pub fn decode(&self, rotation_degrees: f32, strength: f32) -> Result<Environment> {
         check_flags(rotation_degrees, strength)?;
@@ -124,7 +124,7 @@ impl EnvironmentFile {
 /// Opens and decodes an equirectangular picture ([`EnvironmentFile::decode`]).
 ///
 /// # Errors
-/// [`Error::Usage`] for a rotation or strength that is not finite or a negative strength, [`Error::Missing`] for a missing
+/// [`Error::Usage`] for a rotation that is not finite, or a strength out of its range, [`Error::Missing`] for a missing
 /// file, [`Error::Data`] for a picture that cannot be decoded or has more than 2^27 pixels.
 pub fn environment(path: &Path, rotation_degrees: f32, strength: f32) -> Result<Environment> {
     check_flags(rotation_degrees, strength)?;
@@ -135,8 +135,9 @@ fn check_flags(rotation_degrees: f32, strength: f32) -> Result<()> {
     if !rotation_degrees.is_finite() {
         return Err(Error::Usage(format!("--env-rotate {rotation_degrees}: wanted degrees as a finite number")));
     }
-    if !strength.is_finite() || strength < 0.0 {
-        return Err(Error::Usage(format!("--env-strength {strength}: wanted a finite number of at least 0")));
+    let most = Environment::MAX_STRENGTH;
+    if !(0.0..=most).contains(&strength) {
+        return Err(Error::Usage(format!("--env-strength {strength}: wanted a number from 0 to {most:e}")));
     }
     Ok(())
 }
