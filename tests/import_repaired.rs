@@ -313,7 +313,7 @@ fn a_normal_map_turns_with_its_coordinates() {
 fn set(document: &mut Value, pointer: &str, value: Value) {
     let (parent, name) = pointer.rsplit_once('/').unwrap();
     match document.pointer_mut(parent).unwrap() {
-        Value::Array(items) if items.len() <= name.parse().unwrap() => items.push(value),
+        Value::Array(items) if items.len() <= name.parse::<usize>().unwrap() => items.push(value),
         Value::Array(items) => items[name.parse::<usize>().unwrap()] = value,
         other => other[name] = value,
     }
@@ -451,7 +451,7 @@ fn what_nothing_can_see_does_not_widen_the_view() {
         parts.accessor += &accessor(start + 8, 5126, 2, shape, false);
         let pointer = "/materials/0/pbrMetallicRoughness/baseColorFactor";
         let pointer = format!(r#""path":"pointer","extensions":{{"KHR_animation_pointer":{{"pointer":"{pointer}"}}}}"#);
-        let target = if target.is_empty() { &pointer } else { target };
+        let target = if target.is_empty() { &pointer[..] } else { target };
         parts.more += &format!(
             r#","animations":[{{"samplers":[{{"input":3,"output":4}}],"channels":[{{"sampler":0,"target":{{{target}}}}}]}}]"#
         );
