@@ -398,3 +398,50 @@ fn transparent_pictures_are_cut_out_in_every_file_whatever_lights_them() {
         }
     }
 }
+
+#[test]
+fn denoised_colours_end_where_alpha_does() {
+    let path = &folder();
+    let unlit = r#"{"doubleSided":true,"extensions":{"KHR_materials_unlit":{}}}"#;
+    fs::write(path.join("white.gltf"), Parts::of_materials(unlit).json()).unwrap();
+    // The mean of 9 x 9 pixels, and the library.
+    let blur = "for (long y = 0; y < h; y++) for (long x = 0; x < w; x++) for (int c = 0; c < 3; c++) {
+        double s = 0; int n = 0;
+        for (long v = y - 4; v <= y + 4; v++) for (long u = x - 4; u <= x + 4; u++)
+            if (u >= 0 && v >= 0 && u < w && v < h) { s += in[3 * (v * w + u) + c]; n++; }
+        out[3 * (y * w + x) + c] = s / n;
+    }";
+    let blur = false_denoiser(path, "blur.so", blur);
+    let box_of = "cornell.glb --sky --orbit 30,20,1.5";
+    expect(path, &format!("render {box_of} --transparent --size 48x36 --spp 2048 --seed 7 -q -o true.exr"), 0);
+    for library in [Some(blur.clone()), denoiser()].into_iter().flatten() {
+        let render = |line: &str| {
+            let line = format!(
+                "render {line} --size 48x36 --denoise oidn -q --exposure 0 --view srgb -o a.exr --preview a.png"
+            );
+            let output = bismar(path).args(line.split(' ')).env("BISMAR_OIDN", &library).output().unwrap();
+            assert!(output.status.success(), "{}", program::stderr(&output));
+            let of = |name: &str| channel(&path.join("a.exr"), name);
+            (of("A"), of("R"), of("denoised.R"), image::open(path.join("a.png")).unwrap().into_rgba8())
+        };
+        // White wherever it is hit.
+        for flags in ["--transparent --sky", "--ground shadow --sky --orbit 20,30"] {
+            let (alpha, noisy, denoised, png) = render(&format!("white.gltf --spp 16 {flags}"));
+            for ((a, noisy), (own, pixel)) in alpha.iter().zip(&noisy).zip(denoised.iter().zip(png.pixels())) {
+                assert!((own - noisy).abs() < 0.01 && (*noisy > 0.0 || *own == 0.0), "{flags}: {own} for {noisy}");
+                assert!(*noisy < 0.99 * a || *a < 0.1 || pixel.0[0] >= 250, "{flags}: {pixel:?}");
+            }
+        }
+        if library == blur {
+            continue;
+        }
+        // Rims are nearer to the converged picture than with colours that are blurred against black (0.41).
+        let (alpha, noisy, denoised, _) = render(&format!("{box_of} --transparent --spp 16"));
+        let truth = channel(&path.join("true.exr"), "R");
+        let error = |of: &[f32]| -> f32 {
+            let rims = alpha.iter().zip(of.iter().zip(&truth)).filter(|(a, _)| **a > 0.0 && **a < 1.0);
+            rims.map(|(_, (own, right))| (own - right).powi(2)).sum()
+        };
+        assert!(error(&denoised) < 0.35 * error(&noisy), "{} {}", error(&denoised), error(&noisy));
+    }
+}

@@ -6,7 +6,8 @@ use std::ptr;
 use libloading::Library;
 
 use super::aov::Aov;
-use super::pixels::{Pixels, positions};
+use super::pixels::{Background, Pixels, positions};
+use super::stats::accumulate;
 use crate::{Error, Result};
 
 /// The environment variable with the path of the library.
@@ -156,11 +157,37 @@ impl NoisyPicture {
     }
 }
 
+/// The colours of surfaces, from those of pixels that they cover in part. Pixels without coverage have the mean of the nearest ones, so
+/// that the denoiser sees no edge that alpha has already. Row by row, as `image` and `coverage`.
+fn of_surfaces(image: &[[f32; 3]], coverage: &[f32], width: usize) -> Vec<[f32; 3]> {
+    let (half_width, height) = (width.div_ceil(2), image.len() / width.max(1));
+    let half = |i: usize| i / width / 2 * half_width + i % width / 2;
+    let around = if coverage.iter().all(|share| *share > 0.0) || image.len() == 1 {
+        Vec::new()
+    } else {
+        let n = half_width * height.div_ceil(2);
+        let (mut colors, mut shares) = (vec![[0.0; 3]; n], vec![0.0; n]);
+        for (i, (color, share)) in image.iter().zip(coverage).enumerate() {
+            accumulate(&mut colors[half(i)], *color);
+            shares[half(i)] += share;
+        }
+        of_surfaces(&colors, &shares, half_width)
+    };
+    let color = |(i, (color, share)): (usize, (&[f32; 3], &f32))| match *share > 0.0 {
+        true => color.map(|c| c / share),
+        false => around.get(half(i)).copied().unwrap_or_default(),
+    };
+    image.iter().zip(coverage).enumerate().map(color).collect()
+}
+
 /// The denoised beauty, `denoised`, and layers of lights, `denoised_NAME`, which add up to it: their names and colours, linear RGB
 /// row by row. All are guided by albedo and normals. `pixels` must have extra sums. `denoise` is called for one after the other.
 ///
 /// What the layers lack of the denoised beauty is shared among them in proportion: no layer gets light that it has not, and the
 /// beauty is that of a picture without layers.
+///
+/// Where A is coverage, the colours of the surfaces are denoised and multiplied by it, so that they end where alpha does: the picture
+/// is premultiplied as the noisy one is.
 ///
 /// # Errors
 /// Those of `denoise`.
@@ -169,12 +196,27 @@ pub fn denoised_layers(
     mut denoise: impl FnMut(&NoisyPicture) -> Result<Vec<[f32; 3]>>,
 ) -> Result<Vec<(String, Vec<[f32; 3]>)>> {
     let mut picture = NoisyPicture::of(pixels);
-    let mut layers = vec![(DENOISED.to_owned(), denoise(&picture)?)];
+    let coverage: Option<Vec<_>> = (pixels.background() == Background::Transparent)
+        .then(|| positions(pixels).map(|(x, y)| pixels.at(x, y).0.coverage()).collect());
+    if let Some(coverage) = &coverage {
+        picture.images[1..].iter_mut().for_each(|guide| *guide = of_surfaces(guide, coverage, picture.width));
+    }
+    let mut denoise = |picture: &mut NoisyPicture| -> Result<Vec<[f32; 3]>> {
+        let Some(coverage) = &coverage else { return denoise(picture) };
+        let surfaces = of_surfaces(&picture.images[0], coverage, picture.width);
+        let noisy = std::mem::replace(&mut picture.images[0], surfaces);
+        let covered = denoise(picture)?.into_iter().zip(coverage).map(|(color, share)| color.map(|c| c * share));
+        Ok(covered
+            .zip(noisy.into_iter().zip(coverage))
+            .map(|(own, (noisy, share))| if *share > 0.0 { own } else { noisy })
+            .collect())
+    };
+    let mut layers = vec![(DENOISED.to_owned(), denoise(&mut picture)?)];
     let channels = Aov::Lights.channels(false, false, pixels.light_groups());
     for (i, name) in pixels.light_groups().iter().enumerate() {
         let value = |c: usize, (x, y)| channels[3 * i + c].float(pixels, x, y);
         picture.images[0] = positions(pixels).map(|at| [0, 1, 2].map(|c| value(c, at))).collect();
-        layers.push((format!("{DENOISED}_{name}"), denoise(&picture)?));
+        layers.push((format!("{DENOISED}_{name}"), denoise(&mut picture)?));
     }
     if let [(_, beauty), lights @ ..] = &mut layers[..] {
         for (i, whole) in beauty.iter().enumerate() {
