@@ -34,7 +34,7 @@ fn each(rendered: &Rendered, mut check: impl FnMut(PixelStats, AovSums, ExtraSum
     let pixels = rendered.pixels();
     for (x, y) in (0..16).flat_map(|y| (0..24).map(move |x| (x, y))) {
         let (stats, sums) = pixels.at(x, y);
-        check(stats, sums, pixels.extras(x, y).unwrap(), [0, 1, 2].map(|kind| pixels.light(x, y, kind)));
+        check(stats, sums, pixels.extras(x, y).unwrap().into_owned(), [0, 1, 2].map(|kind| pixels.light(x, y, kind)));
     }
 }
 

@@ -68,7 +68,7 @@ impl Saved {
 }
 
 /// Version of the record and of the packed tiles. Files of other versions are not read.
-pub const FORMAT: u32 = 7;
+pub const FORMAT: u32 = 8;
 /// Header attribute with the seeds of a mean, in place of a record.
 const SEEDS: &str = "bismar.seeds";
 

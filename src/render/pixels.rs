@@ -1,5 +1,7 @@
 //! The pixels of a window, read from tiles.
 
+use std::borrow::Cow;
+
 use super::RenderSettings;
 use super::light_groups::LightGroups;
 use super::tile::{TILE, Tile};
@@ -53,9 +55,9 @@ impl Pixels for TilePixels<'_> {
         self.settings.aovs
     }
 
-    fn extras(&self, x: u32, y: u32) -> Option<ExtraSums> {
-        let no_tile = self.settings.extras.then(ExtraSums::default);
-        self.locate(x, y).map_or(no_tile, |(tile, i)| tile.extras.get(i).copied())
+    fn extras(&self, x: u32, y: u32) -> Option<Cow<'_, ExtraSums>> {
+        let no_tile = self.settings.extras.then(Cow::default);
+        self.locate(x, y).map_or(no_tile, |(tile, i)| tile.extras.get(i).map(Cow::Borrowed))
     }
 
     fn light_groups(&self) -> &[String] {

@@ -5,35 +5,62 @@ use serde::{Deserialize, Serialize};
 
 use super::header::{Header, HeaderValue};
 
-/// Number of names per pixel: three layers of two.
+/// Number of names per pixel in the file: three layers of two.
 pub const RANKS: usize = 6;
+/// Number of names per pixel whose paths are counted exactly.
+pub const NAMES: usize = 64;
 
-/// The names that the paths of a pixel hit, with their numbers of paths.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+/// The names that the paths of a pixel hit, with their numbers of paths. Exact for up to [`NAMES`] names. A further name takes
+/// the place of the one with the fewest paths, and its count: then counts are too high by at most one path in [`NAMES`], and no
+/// name with more paths than that is missing (Metwally, Agrawal and El Abbadi, "Efficient Computation of Frequent and Top-k
+/// Elements in Data Streams", ICDT 2005).
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Matte {
     /// Hash of a name and number of paths that hit it, in the order of first hits; 0 paths for a free entry.
-    entries: [(u32, u32); RANKS],
+    first: [(u32, u32); RANKS],
+    /// Those of further names.
+    more: Vec<(u32, u32)>,
 }
 
 impl Matte {
-    /// Adds `paths` paths that hit the name with hash `id`. Names beyond [`RANKS`] are left out.
+    /// Adds `paths` paths that hit the name with hash `id`.
     #[inline]
     pub fn add(&mut self, id: u32, paths: u32) {
-        if let Some(entry) = self.entries.iter_mut().find(|(own, n)| *own == id || *n == 0) {
-            *entry = (id, entry.1 + paths);
+        match self.first.iter_mut().find(|(own, n)| *own == id || *n == 0) {
+            Some(entry) => *entry = (id, entry.1 + paths),
+            None => self.add_further(id, paths),
         }
+    }
+
+    #[inline(never)]
+    fn add_further(&mut self, id: u32, paths: u32) {
+        if let Some(entry) = self.more.iter_mut().find(|(own, _)| *own == id) {
+            entry.1 += paths;
+        } else if RANKS + self.more.len() < NAMES {
+            self.more.push((id, paths));
+        } else if let Some(fewest) = self.first.iter_mut().chain(&mut self.more).min_by_key(|(_, n)| *n) {
+            *fewest = (id, fewest.1 + paths);
+        }
+    }
+
+    fn entries(&self) -> impl Iterator<Item = (u32, u32)> {
+        self.first.iter().chain(&self.more).copied().filter(|(_, n)| *n > 0)
     }
 
     /// Adds the paths of another matte.
     pub fn join(&mut self, other: &Self) {
-        other.entries.iter().filter(|(_, n)| *n > 0).for_each(|(id, n)| self.add(*id, *n));
+        other.entries().for_each(|(id, n)| self.add(id, n));
     }
 
-    /// Hash and number of paths of the name with this rank, by descending number of paths; zeros if there is none.
+    /// Hash and number of paths of the name with this rank, by descending number of paths; zeros if there is none. Of equal names
+    /// the one that was hit first comes first, so that mattes of objects and of their materials agree.
     pub fn rank(&self, rank: usize) -> (u32, u32) {
-        let mut sorted = self.entries;
-        sorted.sort_unstable_by(|a, b| b.1.cmp(&a.1).then(a.0.cmp(&b.0)));
-        sorted[rank]
+        let mut ranks = [(0, 0); RANKS];
+        for mut entry in self.entries() {
+            let behind = ranks.iter().take_while(|other| other.1 >= entry.1).count();
+            ranks[behind..].iter_mut().for_each(|other| std::mem::swap(other, &mut entry));
+        }
+        ranks[rank]
     }
 }
 
@@ -85,17 +112,28 @@ mod tests {
     }
 
     #[test]
-    fn ranks_are_by_coverage_and_a_seventh_name_is_left_out() {
-        let mut matte = Matte::default();
-        for (id, paths) in [(5, 1), (9, 3), (5, 1), (7, 2), (1, 1), (2, 1), (3, 1), (4, 1)] {
-            matte.add(id, paths);
-        }
-        assert_eq!([0, 1, 2].map(|rank| matte.rank(rank)), [(9, 3), (5, 2), (7, 2)]);
-        assert_eq!(matte.rank(5), (3, 1));
-        let mut joined = Matte::default();
-        joined.add(7, 5);
+    fn ranks_are_by_coverage_whenever_a_name_is_met() {
+        // A large name among small ones, met last; of equal names the first is first.
+        let small = || (1..=40).map(|id| (id, 2));
+        let of = |all: &mut dyn Iterator<Item = (u32, u32)>| {
+            let mut matte = Matte::default();
+            all.for_each(|(id, paths)| matte.add(id, paths));
+            matte
+        };
+        let matte = of(&mut small().chain([(99, 20), (7, 3)]));
+        assert_eq!([0, 1, 2, 5].map(|rank| matte.rank(rank)), [(99, 20), (7, 5), (1, 2), (4, 2)]);
+        let mut joined = of(&mut [(70, 1), (40, 9)].into_iter());
         joined.join(&matte);
-        assert_eq!([0, 1].map(|rank| joined.rank(rank)), [(7, 7), (9, 3)]);
+        assert_eq!([0, 1, 2].map(|rank| joined.rank(rank)), [(99, 20), (40, 11), (7, 5)]);
+        assert_eq!(of(&mut small().take(2)).rank(2), (0, 0));
+        // Beyond the names that are counted exactly, to the bound; `n` names of one path each, three larger ones spread among them.
+        let large = |i: u32| [(9001, 3), (9002, 5), (9003, 9)].into_iter().filter(move |(_, of)| i % 40 < *of);
+        let matte = of(&mut (0..4000).flat_map(|i| large(i).map(|(id, _)| (id, 1)).chain([(i, 1)])));
+        let all = 4000 + 300 + 500 + 900;
+        for (rank, right) in [(9003, 900), (9002, 500), (9001, 300)].into_iter().enumerate() {
+            let found = matte.rank(rank);
+            assert!(found.0 == right.0 && (right.1..=right.1 + all / NAMES as u32).contains(&found.1), "{found:?}");
+        }
     }
 
     #[test]

@@ -1,5 +1,7 @@
 //! The pixels of a picture's window, and the film that holds them.
 
+use std::borrow::Cow;
+
 use serde::{Deserialize, Serialize};
 
 use super::stats::{AovSums, ExtraSums, PixelStats};
@@ -30,7 +32,7 @@ pub trait Pixels: Sync {
     fn has_aovs(&self) -> bool;
 
     /// The extra sums of pixel (x, y) of the whole picture; `None` if there are none.
-    fn extras(&self, _x: u32, _y: u32) -> Option<ExtraSums> {
+    fn extras(&self, _x: u32, _y: u32) -> Option<Cow<'_, ExtraSums>> {
         None
     }
 

@@ -89,7 +89,7 @@ impl GroundSums {
 }
 
 /// More optional sums over paths, kept only if an AOV needs one of them.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct ExtraSums {
     /// World-space position of the first hit in metres, summed over `covered` paths.
     pub position: [f32; 3],
