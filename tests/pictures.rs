@@ -3,6 +3,8 @@
 use std::fs;
 use std::path::Path;
 
+use bismar::film::exr_file::write_rgb;
+
 use crate::helpers::gltf_parts::Parts;
 use crate::helpers::pictures::{python, run};
 use crate::helpers::program::{self, Folder, Running, bismar, bits, channel, expect, says, stdout};
@@ -443,5 +445,23 @@ fn denoised_colours_end_where_alpha_does() {
             rims.map(|(_, (own, right))| (own - right).powi(2)).sum()
         };
         assert!(error(&denoised) < 0.35 * error(&noisy), "{} {}", error(&denoised), error(&noisy));
+    }
+}
+
+#[test]
+fn pixels_that_are_not_finite_exceed_every_threshold() {
+    let path = &Folder::new();
+    let write = |name: &str, bad: f32| {
+        let mut rgb = [[0.5; 3]; 64];
+        rgb[9][1] = bad;
+        write_rgb(&path.join(name), [0, 0, 8, 8], [0, 0, 8, 8], &rgb).unwrap();
+    };
+    [("a.exr", 0.5), ("nan.exr", f32::NAN), ("inf.exr", f32::INFINITY)].map(|(name, bad)| write(name, bad));
+    for flags in ["--max-relmse 9", "--max-flip 1"] {
+        expect(path, &format!("compare a.exr a.exr {flags} -q"), 0);
+        for pair in ["nan.exr a.exr", "a.exr nan.exr", "inf.exr a.exr", "a.exr inf.exr", "nan.exr nan.exr"] {
+            says(path, &format!("compare {pair} {flags}"), 1, "are not finite");
+            expect(path, &format!("compare {pair}"), 0);
+        }
     }
 }

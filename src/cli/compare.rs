@@ -24,7 +24,8 @@ use report::{Pair, Report, and_more, overview, short, table, write_csv};
 /// Compare a picture with a reference: relMSE, RMSE, MAE, FLIP, bias, and its z if both have variance.
 ///
 /// Pictures are OpenEXR, Radiance HDR, PNG or JPEG; a crop is compared with the same window of the other picture. For two
-/// folders, pictures of the same name are compared; for two sequences such as a.####.exr, frames of the same number.
+/// folders, pictures of the same name are compared; for two sequences such as a.####.exr, frames of the same number. With
+/// pixels that are NaN or infinite, in A or B, every threshold is exceeded.
 #[derive(Debug, Args)]
 pub struct CompareArgs {
     /// The picture, a folder of pictures, or a sequence: a name with the frame number as #### or {frame:04}.
@@ -40,7 +41,7 @@ pub struct CompareArgs {
     /// Write a table as CSV, with one row per pair.
     #[arg(long, value_name = "FILE.csv")]
     csv: Option<PathBuf>,
-    /// Exit with 1 if relMSE is larger than this, or A has values that are not finite.
+    /// Exit with 1 if relMSE is larger than this.
     #[arg(long, value_name = "X", value_parser = not_negative)]
     max_relmse: Option<f64>,
     /// Exit with 1 if the mean FLIP error is larger than this.
@@ -175,13 +176,8 @@ fn same_names(a: &Path, b: &Path) -> Result<Vec<(PathBuf, PathBuf)>> {
 fn failures(args: &CompareArgs, comparison: &Comparison) -> Result<Vec<String>> {
     let mut failures = Vec::new();
     let beyond = |value: f64, most: f64| value.is_nan() || value > most;
-    if let Some(most) = args.max_relmse {
-        if beyond(comparison.rel_mse, most) {
-            failures.push(format!("relMSE {} is beyond {most}", short(comparison.rel_mse)));
-        }
-        if comparison.not_finite[0] > 0 {
-            failures.push(format!("{} pixels of A are not finite", comparison.not_finite[0]));
-        }
+    if let Some(most) = args.max_relmse.filter(|most| beyond(comparison.rel_mse, *most)) {
+        failures.push(format!("relMSE {} is beyond {most}", short(comparison.rel_mse)));
     }
     if let Some(most) = args.max_flip.filter(|most| beyond(comparison.flip, *most)) {
         failures.push(format!("FLIP {} is beyond {most}", short(comparison.flip)));
@@ -197,6 +193,10 @@ fn failures(args: &CompareArgs, comparison: &Comparison) -> Result<Vec<String>> 
                 failures.push(format!("{channel}: the bias has z = {}, beyond {most}", short(*z)));
             }
         }
+    }
+    let [a, b] = comparison.not_finite;
+    if a + b > 0 && [args.max_relmse, args.max_flip, args.max_z].iter().any(Option::is_some) {
+        failures.push(format!("{a} pixels of A and {b} of B are not finite"));
     }
     Ok(failures)
 }

@@ -35,10 +35,12 @@ pub fn in_both(a: &Path, b: &Path) -> Result<Vec<(u32, PathBuf, PathBuf)>> {
     Ok(both)
 }
 
-/// Index of the pair with the largest relMSE; NaN counts as infinite.
+/// Index of the pair with the largest relMSE; NaN counts as infinite, and so do pixels that are not finite.
 pub fn worst(pairs: &[Pair]) -> usize {
-    let error = |i: &usize| pairs[*i].comparison.rel_mse;
-    let order = |i: &usize| if error(i).is_nan() { f64::INFINITY } else { error(i) };
+    let order = |i: &usize| match &pairs[*i].comparison {
+        c if c.rel_mse.is_nan() || c.not_finite != [0, 0] => f64::INFINITY,
+        c => c.rel_mse,
+    };
     // Reversed, so that the first of equal maxima is taken.
     (0..pairs.len()).rev().max_by(|i, j| order(i).total_cmp(&order(j))).unwrap_or(0)
 }

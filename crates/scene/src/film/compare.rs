@@ -61,7 +61,7 @@ pub struct Comparison {
 #[derive(Debug, Clone, Serialize)]
 pub struct Statistics {
     /// z of the mean difference of R, G, B over all pixels; beyond ±4 is not noise. Infinite (null in JSON) for a difference
-    /// without variance.
+    /// without variance, NaN where a variance is not finite.
     pub bias_z: [f64; 3],
     /// Standard deviation of the pixels' z about zero: 1 for noise as estimated, less for stratified sample sequences.
     pub z_deviation: f64,
@@ -154,7 +154,12 @@ fn statistics(a: &Picture, b: &Picture) -> Option<Statistics> {
         for c in 0..3 {
             let d = f64::from(a.rgb[i][c]) - f64::from(b.rgb[i][c]);
             let v = f64::from(va[i][c]) + f64::from(vb[i][c]);
-            if !d.is_finite() || !v.is_finite() || v < 0.0 {
+            if !d.is_finite() || v < 0.0 {
+                continue;
+            }
+            if !v.is_finite() {
+                // Then z of the mean is not known.
+                difference[c] = f64::NAN;
                 continue;
             }
             difference[c] += d;
@@ -246,6 +251,11 @@ mod tests {
         let b = picture(vec![[0.0; 3], [1.0; 3]], None);
         let c = compare(&a, &b).unwrap();
         assert_eq!((c.not_finite, c.rel_mse), ([1, 0], 0.0));
+        // What noise is to be expected is then not known.
+        let mut a = picture(vec![[1.0; 3]; 2], Some(0.1));
+        a.variance.iter_mut().for_each(|variance| variance[1][2] = f32::INFINITY);
+        let z = compare(&a, &a).unwrap().statistics.unwrap().bias_z;
+        assert!(z[..2] == [0.0; 2] && z[2].is_nan(), "{z:?}");
     }
 
     #[test]
