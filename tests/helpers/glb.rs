@@ -14,7 +14,7 @@ pub fn png(picture: impl Into<image::DynamicImage>) -> Vec<u8> {
 }
 
 /// A file's binary part, which grows as views and accessors are asked for.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub struct Data {
     bytes: Vec<u8>,
     views: Vec<Value>,

@@ -129,31 +129,50 @@ impl Texels {
 }
 
 impl Image {
-    /// Replaces blocks of 2 x 2 texels by their mean, of stored values; the last ones of an odd side are smaller.
+    /// Replaces blocks of 2 x 2 texels of an sRGB colour by their mean: of linear light, and of alpha. A picture with an odd side or
+    /// 16 bits stays.
     pub(super) fn halve(&mut self) {
-        let size = [self.width, self.height].map(|n| n as usize);
+        if (self.width | self.height) % 2 > 0 {
+            return;
+        }
+        let width = self.width as usize;
         self.texels = match &self.texels {
-            Texels::Rgb8(texels) => Texels::Rgb8(halved(texels, size, |x| x as u8)),
-            Texels::Rgba8(texels) => Texels::Rgba8(halved(texels, size, |x| x as u8)),
-            Texels::Rgba16(texels) => Texels::Rgba16(halved(texels, size, |x| x as u16)),
+            Texels::Rgb8(texels) => Texels::Rgb8(halved(texels, width)),
+            Texels::Rgba8(texels) => Texels::Rgba8(halved(texels, width)),
+            Texels::Rgba16(_) => return,
         };
-        [self.width, self.height] = [self.width.div_ceil(2), self.height.div_ceil(2)];
+        [self.width, self.height] = [self.width / 2, self.height / 2];
     }
 }
 
-fn halved<T: Copy + Into<u32>, const N: usize>(
-    texels: &[[T; N]],
-    [width, height]: [usize; 2],
-    narrow: impl Fn(u32) -> T,
-) -> Vec<[T; N]> {
-    let mut found = Vec::with_capacity(width.div_ceil(2) * height.div_ceil(2));
-    for rows in texels.chunks(2 * width) {
+/// The last index of [`CODES`]. A step is a fifth of the smallest one between linear values of codes.
+const CODE_STEPS: f32 = 16383.0;
+/// The 8-bit sRGB codes nearest to linear values at equal steps from 0 to 1.
+static CODES: LazyLock<Vec<u8>> = LazyLock::new(|| {
+    let nearest = |linear: f32| {
+        let above = SRGB.partition_point(|x| *x < linear).clamp(1, 255);
+        above - usize::from(linear - SRGB[above - 1] < SRGB[above] - linear)
+    };
+    (0..=CODE_STEPS as u32).map(|i| nearest(i as f32 / CODE_STEPS) as u8).collect()
+});
+/// The index in [`CODES`] nearest to every 8-bit sRGB code.
+static STEPS: LazyLock<[u16; 256]> = LazyLock::new(|| SRGB.map(|linear| (CODE_STEPS * linear + 0.5) as u16));
+
+fn halved<const N: usize>(texels: &[[u8; N]], width: usize) -> Vec<[u8; N]> {
+    let mut found = Vec::with_capacity(texels.len() / 4);
+    let (steps, codes) = (&*STEPS, &**CODES);
+    for rows in texels.chunks_exact(2 * width) {
         let (upper, lower) = rows.split_at(width);
-        let lower = if lower.is_empty() { upper } else { lower };
-        found.extend(upper.chunks(2).zip(lower.chunks(2)).map(|(a, b)| {
-            let last = a.len() - 1;
-            let sum = |c: usize| a[0][c].into() + a[last][c].into() + b[0][c].into() + b[last][c].into();
-            std::array::from_fn(|c| narrow((sum(c) + 2) / 4))
+        let blocks = upper.as_chunks().0.iter().zip(lower.as_chunks().0);
+        found.extend(blocks.map(|([a, b], [c, d])| {
+            std::array::from_fn(|i| {
+                let block = [a, b, c, d].map(|texel| texel[i]);
+                let mean = |values: [u32; 4]| ((values.iter().sum::<u32>() + 2) / 4) as usize;
+                match i {
+                    3 => mean(block.map(u32::from)) as u8,
+                    _ => codes[mean(block.map(|code| steps[usize::from(code)].into()))],
+                }
+            })
         }));
     }
     found
@@ -324,6 +343,26 @@ mod tests {
         // Between black and white, decoded first: exactly one half.
         Arc::make_mut(&mut scene.images[0]).texels = Texels::Rgb8(vec![[0; 3], [255; 3], [0; 3], [255; 3]]);
         assert_eq!(scene.sample_texture(&srgb, Vec2::splat(0.5)).to_array(), [0.5, 0.5, 0.5, 1.0]);
+    }
+
+    #[test]
+    fn halved_colours_are_means_of_linear_light() {
+        let image = |width: u32, height: u32, texels: Texels| Image { width, height, texels, ..Default::default() };
+        let halved = |mut image: Image| {
+            image.halve();
+            image
+        };
+        // One of four is 0.25, two are a half, of the light.
+        let [black, white] = [[0, 0, 0, 0], [255; 4]];
+        let texels = vec![white, black, white, white, black, black, black, black];
+        let Texels::Rgba8(found) = halved(image(4, 2, Texels::Rgba8(texels))).texels else { panic!() };
+        assert_eq!(found, [[137, 137, 137, 64], [188, 188, 188, 128]]);
+        for code in 0..=255 {
+            let Texels::Rgb8(found) = halved(image(2, 2, Texels::Rgb8(vec![[code; 3]; 4]))).texels else { panic!() };
+            assert_eq!(found, [[code; 3]]);
+        }
+        let odd = halved(image(3, 2, Texels::Rgb8(vec![[9; 3]; 6])));
+        assert_eq!([odd.width, odd.height], [3, 2]);
     }
 
     #[test]
