@@ -120,15 +120,10 @@ impl Texels {
 
     /// Is any texel's alpha below `limit`?
     pub(super) fn has_alpha_below(&self, limit: f32) -> bool {
-        self.any_alpha(|alpha| alpha < limit)
-    }
-
-    /// Is there a texel with such an alpha?
-    pub(super) fn any_alpha(&self, such: impl Fn(f32) -> bool) -> bool {
         match self {
-            Texels::Rgb8(_) => such(1.0),
-            Texels::Rgba8(t) => (0..t.len()).any(|i| such(self.alpha(i))),
-            Texels::Rgba16(t) => (0..t.len()).any(|i| such(self.alpha(i))),
+            Texels::Rgb8(_) => limit > 1.0,
+            Texels::Rgba8(t) => (0..t.len()).any(|i| self.alpha(i) < limit),
+            Texels::Rgba16(t) => (0..t.len()).any(|i| self.alpha(i) < limit),
         }
     }
 }
@@ -160,22 +155,22 @@ static CODES: LazyLock<Vec<u8>> = LazyLock::new(|| {
     };
     (0..=CODE_STEPS as u32).map(|i| nearest(i as f32 / CODE_STEPS) as u8).collect()
 });
+/// The index in [`CODES`] nearest to every 8-bit sRGB code.
+static STEPS: LazyLock<[u16; 256]> = LazyLock::new(|| SRGB.map(|linear| (CODE_STEPS * linear + 0.5) as u16));
 
 fn halved<const N: usize>(texels: &[[u8; N]], width: usize) -> Vec<[u8; N]> {
     let mut found = Vec::with_capacity(texels.len() / 4);
-    let (linear, codes) = (&*SRGB, &*CODES);
+    let (steps, codes) = (&*STEPS, &**CODES);
     for rows in texels.chunks_exact(2 * width) {
         let (upper, lower) = rows.split_at(width);
         let blocks = upper.as_chunks().0.iter().zip(lower.as_chunks().0);
         found.extend(blocks.map(|([a, b], [c, d])| {
             std::array::from_fn(|i| {
                 let block = [a, b, c, d].map(|texel| texel[i]);
+                let mean = |values: [u32; 4]| ((values.iter().sum::<u32>() + 2) / 4) as usize;
                 match i {
-                    3 => ((block.map(u32::from).iter().sum::<u32>() + 2) / 4) as u8,
-                    _ => {
-                        let sum: f32 = block.iter().map(|code| linear[usize::from(*code)]).sum();
-                        codes[(0.25 * CODE_STEPS * sum + 0.5) as usize]
-                    }
+                    3 => mean(block.map(u32::from)) as u8,
+                    _ => codes[mean(block.map(|code| steps[usize::from(code)].into()))],
                 }
             })
         }));
