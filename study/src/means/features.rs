@@ -309,7 +309,7 @@ impl Canvas {
         let colors: Vec<_> = positions.iter().map(color).collect();
         let mesh = Mesh {
             normals: (!normals.is_empty()).then(|| normals.iter().map(floats).collect()),
-            tangents: material.tangent_set().map(|_| of_vertices.iter().map(tangent).collect()),
+            tangents: material.tangent_sets()[0].map(|_| of_vertices.iter().map(tangent).collect()),
             colors: (material.name == "vertex-colors")
                 .then(|| colors.into_iter().map(|[r, g, b]| [r, g, b, 1.0]).collect()),
             texcoords: [

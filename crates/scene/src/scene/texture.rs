@@ -120,10 +120,15 @@ impl Texels {
 
     /// Is any texel's alpha below `limit`?
     pub(super) fn has_alpha_below(&self, limit: f32) -> bool {
+        self.any_alpha(|alpha| alpha < limit)
+    }
+
+    /// Is there a texel with such an alpha?
+    pub(super) fn any_alpha(&self, such: impl Fn(f32) -> bool) -> bool {
         match self {
-            Texels::Rgb8(_) => limit > 1.0,
-            Texels::Rgba8(t) => (0..t.len()).any(|i| self.alpha(i) < limit),
-            Texels::Rgba16(t) => (0..t.len()).any(|i| self.alpha(i) < limit),
+            Texels::Rgb8(_) => such(1.0),
+            Texels::Rgba8(t) => (0..t.len()).any(|i| such(self.alpha(i))),
+            Texels::Rgba16(t) => (0..t.len()).any(|i| such(self.alpha(i))),
         }
     }
 }
