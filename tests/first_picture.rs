@@ -10,7 +10,7 @@ use bismar::render::default_light::own_light;
 use bismar::render::{Choice, RenderSettings, RunOptions, Technique, run};
 use bismar::scene::build::{area_light, glass, lambert, look};
 use bismar::scene::import::{ImportOptions, NoteKind, import};
-use bismar::scene::{AlphaMode, Environment, Material, Scene, TextureSlot};
+use bismar::scene::{AlphaMode, Material, Scene, TextureSlot};
 use glam::{Vec3, vec4};
 use serde_json::json;
 

@@ -134,7 +134,7 @@ fn both_sides_are_whole_checkouts_and_what_is_not_compared_is_an_error() {
     command.current_dir(path).args(["-e", "-o", "pipefail", "-c", block]).env("GITHUB_ACTION_PATH", ROOT);
     command.env("MODE", "pairs").env("PATHS", "broken/none\r\nassets/deep\n  assets/a.glb\n").env("BASE", "HEAD");
     let output = command.env("BISMAR", program()).env("MAX_FLIP", "0.001").output().unwrap();
-    let said = String::from_utf8(output.stdout).unwrap();
+    let said = String::from_utf8(output.stdout.clone()).unwrap();
     assert_eq!(output.status.code(), Some(66), "{said}{}", stderr(&output));
     assert!(
         said.contains("`assets/deep`: 0 added") && said.contains("`assets/a.glb`: 0 added, 0 removed, 1"),
