@@ -1,6 +1,6 @@
 //! One scene, or any number of scenes side by side, each in its own framing and exposure.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
 use serde_json::{Value, json};
@@ -75,7 +75,7 @@ pub fn look(args: &LookArgs, paths: &mut Paths, stop: &AtomicBool) -> Result<Loo
     let (mut scenes, mut failed, mut codes) = (Vec::new(), Vec::new(), Vec::new());
     for scene in &args.scenes {
         // Scenes of one name in several folders are told apart.
-        let is_namesake = |other: &&std::path::PathBuf| other.file_name() == scene.file_name();
+        let is_namesake = |other: &&PathBuf| other.file_name() == scene.file_name();
         let alone = args.scenes.iter().filter(is_namesake).count() == 1;
         let name = if alone { name_of(scene) } else { scene.display().to_string() };
         match One::look(args, scene, views, paths, stop) {
