@@ -367,7 +367,7 @@ fn noise_is_taken_out_into_a_layer_of_its_own_or_it_is_said_how_to_get_the_libra
         fs::rename(false_denoiser(&folder, "twice.so", twice), &library).unwrap();
         let mut command = bismar(&folder);
         command.args(line.split(' ')).args(["--denoise", "oidn", "-o", "own.exr"]).env("HOME", "/nowhere");
-        ["BISMAR_OIDN", "VIRTUAL_ENV", "CONDA_PREFIX"].iter().for_each(|name| drop(command.env_remove(name)));
+        ["BISMAR_OIDN", "VIRTUAL_ENV", "CONDA_PREFIX"].iter().for_each(|name| _ = command.env_remove(name));
         let output = command.env("PATH", "/nowhere/bin").env(variable, folder.join(of)).output().unwrap();
         assert!(output.status.success(), "{}", program::stderr(&output));
         let red = |name: &str| channel(&folder.join("own.exr"), name);

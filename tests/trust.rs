@@ -175,7 +175,8 @@ fn what_bismar_has_not_written_or_others_have_changed_is_replaced_only_by_name()
     };
     let [png, jpg, webp] = [image::ImageFormat::Png, image::ImageFormat::Jpeg, image::ImageFormat::WebP].map(picture);
     let json = br#"{"schema": 3, "bismar.mark": "0", "generator": "bismar", "frames": []}"#.to_vec();
-    let runs: [(&dyn Fn(&str, i32) -> String, _, _, _); 10] = [
+    type Run<'a> = &'a dyn Fn(&str, i32) -> String;
+    let runs: [(Run, _, _, _); 10] = [
         (&batch, "", "p.exr", b"v/1\x01 bismar".to_vec()),
         (&batch, "preview = 'p.png'", "p.png", png),
         (&batch, "preview = 'p.jpg'", "p.jpg", jpg),

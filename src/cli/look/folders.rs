@@ -134,9 +134,12 @@ pub fn verdict(codes: &[u8]) -> Verdict {
     }
 }
 
+/// A scene that was left out, and why.
+type LeftOut = (PathBuf, &'static str);
+
 /// The scenes below a folder, and what was left out with why, relative to it. Links lead to files below the folder alone: those to
 /// its own folders would show scenes twice.
-fn scenes(folder: &Path) -> Result<(BTreeSet<PathBuf>, Vec<(PathBuf, &'static str)>)> {
+fn scenes(folder: &Path) -> Result<(BTreeSet<PathBuf>, Vec<LeftOut>)> {
     let failed = |path: &Path, e: &io::Error| Error::reading(path, e);
     let place = folder.canonicalize().map_err(|e| failed(folder, &e))?;
     let (mut found, mut left_out) = (BTreeSet::new(), Vec::new());

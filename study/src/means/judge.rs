@@ -16,6 +16,9 @@ use statrs::distribution::{ContinuousCDF, StudentsT};
 use super::ways::Picture;
 use crate::statistics::moments;
 
+/// A number of a picture.
+type OfPicture<'a> = &'a dyn Fn(&Picture) -> f64;
+
 /// Chance that a scene without a fault is rendered again, at most.
 pub const FIRST: f64 = 0.05;
 /// Chance that a scene without a fault that is rendered again is called wrong, at most.
@@ -61,7 +64,7 @@ impl Test {
     /// region's size, `level` the chance that a test may raise a false alarm.
     pub fn new(
         region: usize,
-        (own, of): (&[Picture], &dyn Fn(&Picture) -> f64),
+        (own, of): (&[Picture], OfPicture),
         reference: &[Picture],
         (brightest, pixels, level): (f64, f64, f64),
     ) -> Self {
@@ -117,7 +120,7 @@ const LEAST_ERROR: f64 = 0.01;
 
 impl Together {
     /// Adds a scene.
-    pub fn add(&mut self, region: usize, (own, of): (&[Picture], &dyn Fn(&Picture) -> f64), reference: &[Picture]) {
+    pub fn add(&mut self, region: usize, (own, of): (&[Picture], OfPicture), reference: &[Picture]) {
         let [a, b] = [own, reference].map(|pictures| pictures.split_at(pictures.len() / 2));
         let tests = [(a.0, b.0), (a.1, b.1)].map(|(a, b)| Test::new(region, (a, of), b, (0.0, 1.0, 1.0)));
         let scale = 0.5 * (tests[0].reference + tests[1].reference);

@@ -286,7 +286,7 @@ mod tests {
             (format!("LUT_1D_SIZE 2\nDOMAIN_MIN 0 2 0\n{rows}"), "range"),
             (format!("LUT_1D_SIZE 2\nLUT_IN_VIDEO_RANGE\n{rows}"), "video"),
             (format!("LUT_1D_SIZE 2\0\n{rows}"), "line 1: not finite"),
-            ("L\0U\0T\0_\0001\0D\0".into(), "line 1: not understood"),
+            ("L\0U\0T\0_\x001\0D\0".into(), "line 1: not understood"),
             ("PNG".into(), "line 1: not understood"),
         ] {
             let said = Lut::parse(&text, None).unwrap_err();

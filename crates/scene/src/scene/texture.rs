@@ -137,7 +137,7 @@ impl Image {
     /// Replaces blocks of 2 x 2 texels of an sRGB colour by their mean: of linear light, and of alpha. A picture with an odd side or
     /// 16 bits stays.
     pub(super) fn halve(&mut self) {
-        if (self.width | self.height) % 2 > 0 {
+        if !(self.width | self.height).is_multiple_of(2) {
             return;
         }
         let width = self.width as usize;
