@@ -40,6 +40,11 @@ const MAGIC: &[u8] = b"bismar study 3\n";
 /// Keeps a measurement: a magic line, BLAKE3 of the rest, the value in postcard's encoding.
 pub fn keep(path: &Path, value: &impl Serialize) -> Result<()> {
     let payload = postcard::to_stdvec(value).map_err(|e| Error::Bug(format!("a measurement cannot be kept: {e}")))?;
+    // Only a file that begins like a record is replaced; it may be cut off or damaged.
+    let is_file = fs::symlink_metadata(path).is_ok_and(|data| data.is_file());
+    if is_file && fs::read(path).is_ok_and(|old| old.starts_with(MAGIC)) {
+        let _ = fs::remove_file(path);
+    }
     write(path, [MAGIC, blake3::hash(&payload).as_bytes(), &payload].concat())
 }
 

@@ -149,10 +149,10 @@ impl Worker {
         on_progress: &(dyn Fn(Progress) + Sync),
     ) -> Result<Done> {
         atomic::create_folder(&request.output)?;
-        let _claims = request.claim_outputs()?;
         let files = request.files_key();
         let inputs = self.inputs.get(&files, || Inputs::read(request))?;
         inputs.declare(&mut self.paths.lock().unwrap_or_else(PoisonError::into_inner))?;
+        let _claims = request.claim_outputs()?;
         let session = Session { request, inputs: &inputs, threads: self.threads, began, replaces: true };
         if let Some(earlier) = session.finished_before()? {
             return session.develop(&earlier);

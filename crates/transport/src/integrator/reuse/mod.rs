@@ -25,7 +25,6 @@ use glam::Vec3;
 
 use super::data::context::WaveContext;
 use super::data::counts::WaveCounts;
-use super::data::history::MIRROR_PDF;
 use super::data::path_states::NonFiniteSamples;
 use super::data::queues::{LightKind, PathRays, ShadowRays};
 use super::data::requests::RequestGroup;
@@ -79,14 +78,6 @@ pub struct Loan {
 /// alpha.
 pub fn is_possible(transport: &Transport) -> bool {
     !transport.geometry.moves && !transport.materials.blends && transport.limits[1] == f32::INFINITY
-}
-
-/// Mask of the directions that are no mirror images, by their densities: of the mixture with a guiding field, and of the BSDF.
-/// Histories of rays ask for the first where shadow rays pass bodies of glass.
-#[inline(always)]
-fn is_rough(transport: &Transport, pdf: F, bsdf_pdf: F) -> F {
-    let rough = bsdf_pdf.simd_lt(F::splat(MIRROR_PDF));
-    if transport.passes_bodies() { rough & pdf.simd_lt(F::splat(MIRROR_PDF)) } else { rough }
 }
 
 impl Lending {
@@ -173,7 +164,7 @@ impl Lending {
     fn record_samples(&mut self, at: &WaveContext, vertices: &Vertices, group: &RequestGroup, found: &ScatteredGroup) {
         let rows = &group.rows;
         let borrows = pairs::borrows(vertices, rows).to_bitmask();
-        let rough = is_rough(at.transport, found.pdf[0], found.pdf[1]).to_bitmask();
+        let rough = pairs::is_rough(at.transport, found.pdf[0], found.pdf[1]).to_bitmask();
         let [octants, random, random2] = groups::keys(vertices, group).map(U::to_array);
         let ids = &group.path_ids;
         let (path, index) = (ids.path.to_array(), ids.index.to_array());

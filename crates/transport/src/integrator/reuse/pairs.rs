@@ -11,10 +11,10 @@ use glam::Vec3;
 use wide::bytemuck::cast;
 
 use super::groups::Group;
-use super::is_rough;
 use super::lenders::{DIRECTIONS, Find, FirstSample, Lender, NEXT, PUNCTUAL};
 use crate::bsdf::{Core, Lobe, MIN_ROUGH_ALPHA, Parameters};
 use crate::integrator::data::counts::{WaveCounts, timed};
+use crate::integrator::data::history::MIRROR_PDF;
 use crate::integrator::data::proposal::Reuse;
 use crate::integrator::data::transport::Transport;
 use crate::integrator::data::vertices::Vertices;
@@ -45,6 +45,14 @@ fn are_rough(vertices: &Vertices, rows: &Rows) -> [F; 2] {
     };
     let outside = vertices.media.as_ref().map(|[own, _]| cast::<U, F>(load_bits(own, rows).simd_eq(U::ZERO)));
     [outside.map_or(rough, |outside| rough & outside), sharp]
+}
+
+/// Mask of the directions that are no mirror images, by their densities: of the mixture with a guiding field, and of the BSDF.
+/// Histories of rays ask for the first where shadow rays pass bodies of glass.
+#[inline(always)]
+pub fn is_rough(transport: &Transport, pdf: F, bsdf_pdf: F) -> F {
+    let rough = bsdf_pdf.simd_lt(F::splat(MIRROR_PDF));
+    if transport.passes_bodies() { rough & pdf.simd_lt(F::splat(MIRROR_PDF)) } else { rough }
 }
 
 /// Mask of the vertices that may borrow light.

@@ -14,12 +14,6 @@ const MOST_BODIES: usize = 10_000;
 /// Most entries of [`Materials::bodies`].
 const MOST_BOXES: usize = 64;
 
-/// Transmittance, linear RGB, over `distance` metres in a medium of absorption coefficient `absorption` per metre.
-#[inline]
-pub fn transmittance(absorption: Vec3, distance: f32) -> Vec3 {
-    if distance.is_finite() { (absorption * -distance).exp() } else { Vec3::ONE }
-}
-
 /// What shading a mesh needs.
 #[derive(Debug, Clone, Copy)]
 pub struct MeshMaterial {

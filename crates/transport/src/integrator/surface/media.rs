@@ -4,7 +4,6 @@ use std::collections::HashMap;
 
 use glam::Vec3;
 
-use super::materials::transmittance;
 use crate::bsdf::Surface;
 
 /// A medium.
@@ -109,6 +108,12 @@ impl Media {
             _ => Surface { ior: 1.0, ..surface },
         }
     }
+}
+
+/// Transmittance, linear RGB, over `distance` metres in a medium of absorption coefficient `absorption` per metre.
+#[inline]
+fn transmittance(absorption: Vec3, distance: f32) -> Vec3 {
+    if distance.is_finite() { (absorption * -distance).exp() } else { Vec3::ONE }
 }
 
 #[cfg(test)]

@@ -225,6 +225,9 @@ fn add_weights(json: &mut Value, pointer: &str) {
         _ => owner,
     };
     let targets = mesh["primitives"][0]["targets"].as_array().map_or(0, Vec::len);
+    if targets == 0 {
+        return;
+    }
     let weights = mesh.get("weights").cloned().unwrap_or_else(|| json!(vec![0.0; targets]));
     json.pointer_mut(path).and_then(Value::as_object_mut).map(|owner| owner.insert("weights".into(), weights));
 }

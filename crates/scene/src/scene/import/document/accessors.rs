@@ -33,7 +33,11 @@ impl View {
             return Err(json.bad("byteLength", "at least 1", 0));
         }
         let stride = json.integer("byteStride")?;
-        if stride.is_some_and(|s| !(4..=252).contains(&s) || s % 4 != 0) {
+        if let Some(stride) = stride.filter(|s| !(4..=252).contains(s) || s % 4 != 0) {
+            // None, or the size of elements of one or two bytes a number.
+            if ![0, 1, 2, 3, 6].contains(&stride) {
+                return Err(json.bad("byteStride", "a multiple of 4 from 4 to 252", stride));
+            }
             json.repaired("byteStride", "no multiple of 4 from 4 to 252: used as it is, and 0 as none");
         }
         let stride = stride.filter(|stride| *stride > 0);

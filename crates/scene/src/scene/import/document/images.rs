@@ -49,7 +49,13 @@ impl Image {
                 }
                 (ImageData::Bytes(bytes.all()), bytes.length)
             }
-            (Ok(None), Some(index)) => (ImageData::View(index), views.get(index)?.length),
+            (Ok(None), Some(index)) => {
+                let view = views.get(index)?;
+                if view.stride.is_some() {
+                    return Err(json.bad("bufferView", "a view without byteStride", &view.at));
+                }
+                (ImageData::View(index), view.length)
+            }
             (Ok(None), None) => (ImageData::Nothing, 0),
         };
         Ok(Self { data, name, length, at: json.at.clone() })
