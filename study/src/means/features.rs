@@ -160,16 +160,16 @@ static KINDS: [Kind; 21] = [
         // The camera is in a body around all.
         canvas.put(cuboid(DVec3::splat(-6.0), DVec3::splat(6.0)), value, random);
     }),
-    // What other surfaces see most is one of these.
-    kind("walls", 0.15, Values::Of(&["varnish", "half-metal", "metal-0.316", "black-texels"]), |canvas, value, _| {
+    kind("walls", 0.25, Values::Of(&["half-metal", "varnish", "polished-metal", "black-texels"]), |canvas, value, _| {
         for wall in [&mut canvas.floor, &mut canvas.back, &mut canvas.side] {
             *wall = Some(value.into());
         }
     }),
-    // Lamps above are behind its back, which only mirror images pass.
-    kind("canopy", 0.12, Values::Surfaces, |canvas, value, random| {
+    // Below lamps, which mirror images see through its back.
+    kind("canopy", 0.15, Values::Surfaces, |canvas, value, random| {
         let material = make(value, &mut canvas.scene, random);
-        canvas.add(level(0.6, 0.5, 0.0), Material { double_sided: false, ..material }, random);
+        canvas.add(level(0.6, 0.9, 0.0), Material { double_sided: false, ..material }, random);
+        canvas.back.get_or_insert("polished-metal".into());
     }),
 ];
 
