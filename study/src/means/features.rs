@@ -160,11 +160,16 @@ static KINDS: [Kind; 21] = [
         // The camera is in a body around all.
         canvas.put(cuboid(DVec3::splat(-6.0), DVec3::splat(6.0)), value, random);
     }),
-    kind("walls", 0.25, Values::Of(&["half-metal", "varnish", "polished-metal", "black-texels"]), |canvas, value, _| {
-        for wall in [&mut canvas.floor, &mut canvas.back, &mut canvas.side] {
-            *wall = Some(value.into());
-        }
-    }),
+    kind(
+        "walls",
+        0.25,
+        Values::Of(&["half-metal", "varnish", "polished-metal", "black-texels"]),
+        |canvas, value, _| {
+            for wall in [&mut canvas.floor, &mut canvas.back, &mut canvas.side] {
+                *wall = Some(value.into());
+            }
+        },
+    ),
     // Below lamps, which mirror images see through its back.
     kind("canopy", 0.15, Values::Surfaces, |canvas, value, random| {
         let material = make(value, &mut canvas.scene, random);
@@ -387,8 +392,10 @@ fn nest(canvas: &mut Canvas, value: &str, random: &mut SplitMix64) {
         "overlapping" => vec![(ball(0.35, -0.15), tinted(2.0, 1.5)), (ball(0.35, 0.15), tinted(0.2, 1.5))],
         _ => vec![(ball(0.4, 0.0), tinted(1.0, 1.5)), (air, tinted(1.0, 1.5))],
     };
-    // Around what is within; no boundary crosses it.
-    if value != "overlapping" && !canvas.scene.materials.iter().any(|material| material.bounds_medium) {
+    // Around what is within; no boundary crosses it. Air in glass, within two bodies, would leave one of them.
+    if !["overlapping", "air-in-glass"].contains(&value)
+        && !canvas.scene.materials.iter().any(|material| material.bounds_medium)
+    {
         let (shape, material) = bodies[0].clone();
         let centre = shape.positions.iter().sum::<DVec3>() / shape.positions.len() as f64;
         canvas.twin = Some((shape.translated(-centre).scaled(0.875).translated(centre), material));
@@ -399,6 +406,8 @@ fn nest(canvas: &mut Canvas, value: &str, random: &mut SplitMix64) {
 /// Another placement of the last object.
 fn copies(canvas: &mut Canvas, value: &str, random: &mut SplitMix64) {
     let Some(Instance { object, .. }) = canvas.scene.instances.last().cloned() else { return };
+    // A copied body may cross it.
+    canvas.twin = None;
     let scale = if value == "mirrored" { vec3(-1.0, 1.0, 1.0) } else { vec3(0.6, 0.8, 0.7) };
     let turn = Quat::from_rotation_y(between(random, [0.0, 0.5]));
     let to = Affine3A::from_scale_rotation_translation(scale, turn, vec3(between(random, [-0.2, 0.2]), 0.3, -0.2));
