@@ -50,7 +50,7 @@ const fn kind(name: &'static str, often: f32, values: Values, apply: fn(&mut Can
 }
 
 /// What a random scene is made of, in the order in which it is made.
-static KINDS: [Kind; 21] = [
+static KINDS: [Kind; 20] = [
     kind("room", 0.75, Values::Of(&["open", "open", "closed"]), |canvas, value, _| {
         canvas.room = Some(if value == "closed" { 3.5 } else { 1.0 });
     }),
@@ -170,12 +170,6 @@ static KINDS: [Kind; 21] = [
             }
         },
     ),
-    // Below lamps, which mirror images see through its back.
-    kind("canopy", 0.15, Values::Surfaces, |canvas, value, random| {
-        let material = make(value, &mut canvas.scene, random);
-        canvas.add(level(0.6, 0.9, 0.0), Material { double_sided: false, ..material }, random);
-        canvas.back.get_or_insert("polished-metal".into());
-    }),
 ];
 
 /// A part of a scene or of how it is rendered; `KIND:VALUE`.
