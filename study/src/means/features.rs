@@ -50,7 +50,7 @@ const fn kind(name: &'static str, often: f32, values: Values, apply: fn(&mut Can
 }
 
 /// What a random scene is made of, in the order in which it is made.
-static KINDS: [Kind; 19] = [
+static KINDS: [Kind; 20] = [
     kind("room", 0.75, Values::Of(&["open", "open", "closed"]), |canvas, value, _| {
         canvas.room = Some(if value == "closed" { 3.5 } else { 1.0 });
     }),
@@ -160,6 +160,16 @@ static KINDS: [Kind; 19] = [
         // The camera is in a body around all.
         canvas.put(cuboid(DVec3::splat(-6.0), DVec3::splat(6.0)), value, random);
     }),
+    kind(
+        "walls",
+        0.25,
+        Values::Of(&["half-metal", "varnish", "polished-metal", "black-texels"]),
+        |canvas, value, _| {
+            for wall in [&mut canvas.floor, &mut canvas.back, &mut canvas.side] {
+                *wall = Some(value.into());
+            }
+        },
+    ),
 ];
 
 /// A part of a scene or of how it is rendered; `KIND:VALUE`.
@@ -227,6 +237,8 @@ pub struct Canvas {
     pub scene: Scene,
     pub settings: RenderSettings,
     pub rays: Backend,
+    /// A body within another of the same medium, which changes nothing.
+    pub twin: Option<(Shape, Material)>,
     /// Where the room ends toward the camera, if there is one.
     room: Option<f64>,
     floor: Option<String>,
@@ -243,7 +255,7 @@ impl Canvas {
             scene
         };
         let (scene, rays) = (file.unwrap_or_else(own), Backend::Embree);
-        let mut canvas = Self { scene, settings, rays, room: None, floor: None, back: None, side: None };
+        let mut canvas = Self { scene, settings, rays, twin: None, room: None, floor: None, back: None, side: None };
         // In the table's order, whatever the order of the features.
         for kind in &KINDS {
             for feature in features.iter().filter(|feature| feature.kind == kind.name) {
@@ -374,12 +386,22 @@ fn nest(canvas: &mut Canvas, value: &str, random: &mut SplitMix64) {
         "overlapping" => vec![(ball(0.35, -0.15), tinted(2.0, 1.5)), (ball(0.35, 0.15), tinted(0.2, 1.5))],
         _ => vec![(ball(0.4, 0.0), tinted(1.0, 1.5)), (air, tinted(1.0, 1.5))],
     };
+    // Around what is within; no boundary crosses it. Air in glass, within two bodies, would leave one of them.
+    if !["overlapping", "air-in-glass"].contains(&value)
+        && !canvas.scene.materials.iter().any(|material| material.bounds_medium)
+    {
+        let (shape, material) = bodies[0].clone();
+        let centre = shape.positions.iter().sum::<DVec3>() / shape.positions.len() as f64;
+        canvas.twin = Some((shape.translated(-centre).scaled(0.875).translated(centre), material));
+    }
     bodies.into_iter().for_each(|(shape, material)| canvas.add(shape, material, random));
 }
 
 /// Another placement of the last object.
 fn copies(canvas: &mut Canvas, value: &str, random: &mut SplitMix64) {
     let Some(Instance { object, .. }) = canvas.scene.instances.last().cloned() else { return };
+    // A copied body may cross it.
+    canvas.twin = None;
     let scale = if value == "mirrored" { vec3(-1.0, 1.0, 1.0) } else { vec3(0.6, 0.8, 0.7) };
     let turn = Quat::from_rotation_y(between(random, [0.0, 0.5]));
     let to = Affine3A::from_scale_rotation_translation(scale, turn, vec3(between(random, [-0.2, 0.2]), 0.3, -0.2));

@@ -13,6 +13,7 @@ use bismar::render::{
     Choice, Choices, LightGroups, Part, RenderSettings, Rendered, Technique, render, tile_positions, transport,
 };
 use bismar::sampling::random::mix;
+use bismar::scene::build::add_shape;
 use rayon::prelude::*;
 
 use super::features::{Canvas, stream};
@@ -38,7 +39,7 @@ enum Means {
     Groups,
     /// Path by path.
     Scalar,
-    /// Objects and triangles in the opposite order, by the other ray library.
+    /// Objects and triangles in the opposite order, with a twin of a body within it, by the other ray library.
     Reversed,
 }
 
@@ -59,7 +60,7 @@ impl Way {
         Self { name: "half".into(), settings, means: Means::Whole }
     }
 
-    /// The plain command, its balance alone, each technique alone, all of them, and one more that chance chooses.
+    /// The plain command, its balance alone, each technique alone, all of them, another order, and one more that chance chooses.
     pub fn all(stage: &Stage, seed: u32) -> Vec<Self> {
         let Stage { scene, settings, .. } = stage;
         let of = |name: &str, balance, techniques: Choices| {
@@ -78,6 +79,7 @@ impl Way {
         ];
         let alone = |one: &Technique| of(&format!("half+{}", one.row().flag), Balance::Half, only(Some(*one)));
         ways.extend(Technique::ALL.iter().filter(|one| possible(**one)).map(alone));
+        ways.push(Self { means: Means::Reversed, name: "half, reversed".into(), ..of("", Balance::Half, only(None)) });
         let mut random = stream(seed, "way");
         let mut draw = |n: usize| (random.f32() * n as f32) as usize;
         let base = [0, 2][draw(2)];
@@ -88,7 +90,7 @@ impl Way {
             Self { name: format!("{name}, {more}"), settings, means }
         };
         let goal = [0.05, 0.1, 0.2, 0.4][draw(4)];
-        let more = match draw(7) {
+        let more = match draw(6) {
             0..=2 => with(
                 "--noise",
                 &|settings| (settings.noise, settings.spp) = (Some(goal), settings.spp.map(|spp| 8 * spp)),
@@ -96,13 +98,12 @@ impl Way {
             ),
             3 => with("parts", &|_| (), Means::Parts),
             4 => with("light groups", &|settings| settings.light_groups = Some(LightGroups::kinds()), Means::Groups),
-            5 => {
+            _ => {
                 let fewer = |settings: &RenderSettings| settings.spp.map(|spp| spp.div_ceil(4));
                 let scalar = of("half", Balance::Half, only(None));
                 let settings = RenderSettings { spp: fewer(&scalar.settings), ..scalar.settings };
                 Self { name: "scalar integrator".into(), settings, means: Means::Scalar }
             }
-            _ => Self { means: Means::Reversed, name: "half, reversed".into(), ..of("", Balance::Half, only(None)) },
         };
         ways.push(more);
         let others = Balance::all().iter().filter(|own| ![Balance::Half, plain.balance].contains(own));
@@ -123,8 +124,9 @@ pub struct Stage {
 
 impl Stage {
     pub fn new(canvas: Canvas) -> Result<Self> {
-        let Canvas { scene, settings, rays, .. } = canvas;
+        let Canvas { scene, settings, rays, twin, .. } = canvas;
         let mut reversed = scene.clone();
+        twin.iter().for_each(|(shape, material)| add_shape(&mut reversed, shape, material.clone()));
         reversed.instances.reverse();
         reversed.meshes.iter_mut().for_each(|mesh| Arc::make_mut(mesh).indices.reverse());
         let other = if rays == Backend::Obvhs { Backend::Embree } else { Backend::Obvhs };
