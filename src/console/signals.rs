@@ -18,7 +18,7 @@ use crate::{Error, Result};
 /// The signals of the process.
 #[derive(Clone)]
 pub struct Signals {
-    /// Raised by the first signal. One more has the default action of the system, [`MOMENT`] later.
+    /// Raised by the first signal. One more has the default action of the system, half a second later.
     pub stop: Arc<AtomicBool>,
     phase: Arc<AtomicU8>,
 }
