@@ -174,7 +174,7 @@ def look(options, base, here, there):
             left_out = {one["why"] for one in (found or {}).get("left_out", [])}
             if exit_code == 65 and left_out == {"a link to a folder elsewhere"} and not found["failed"]:
                 # These are among the paths.
-                exit_code = int(not found["within"])
+                exit_code = int(not all(one["within"] for one in found["changed"]))
         except Refused as refused:
             exit_code, why = refused.args
             worst, text = max(worst, exit_code), text + f"{code(path)}: {cell(why)}.\n"

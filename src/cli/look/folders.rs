@@ -116,7 +116,7 @@ pub fn look(args: &LookArgs, folders: [&Path; 2], paths: &mut Paths, stop: &Atom
         "failed": failed,
         "left_out": left_out.collect::<Vec<_>>(),
         "max_flip": args.max_flip,
-        "within": failed.is_empty() && !codes.contains(&1),
+        "within": codes.is_empty(),
     });
     Ok(Looked { sheet, shots: Vec::new(), report, lines, verdict: verdict(&codes), page: None })
 }
