@@ -137,7 +137,6 @@ impl LightGroups {
             let why = format!("--light-groups: no light is in the group {name}; the names are {some}{more}");
             return Err(Error::Usage(why));
         }
-        table.is_used = finder.is_used;
         Ok(Some(Arc::new(table.with_area(lights))))
     }
 }

@@ -48,8 +48,6 @@ pub const MAX_GROUPS: usize = 9;
 /// The number of the group of each light of a scene.
 #[derive(Debug, Default)]
 pub struct LightGroupTable {
-    /// By group: has it a light?
-    pub is_used: Vec<bool>,
     /// That of the environment.
     pub environment: u8,
     /// By index in [`Scene::lights`](crate::scene::Scene::lights).
