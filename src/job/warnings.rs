@@ -43,7 +43,8 @@ pub fn resumed_differently(
     let [goal, earlier_goal] = [settings, &before.identity.settings].map(RenderSettings::noise_goal);
     let noise_was_checked = |tile: &Tile| goal.or(earlier_goal).is_some_and(|goal| tile.paths() > goal.min_paths);
     let learned_alike = learned_alike(&before.identity.settings, settings, saved.learns_by_goal(settings));
-    let noise_differs = goal != earlier_goal && saved.tiles.iter().any(noise_was_checked);
+    let [stops, earlier_stops] = [goal, earlier_goal].map(|goal| goal.map(|goal| (goal.error, goal.min_paths)));
+    let noise_differs = stops != earlier_stops && saved.tiles.iter().any(noise_was_checked);
     if noise_differs || !learned_alike || !saved.has_passes_of(settings) {
         warn!(
             "{output} was begun with another goal and took other passes, or learned something else in its pre-pass: the picture is \

@@ -3,8 +3,9 @@
 //! A stop rule that looks at the samples that it stops is biased: pictures that have missed rare bright paths look clean,
 //! end early and are too dark. The pixels of a tile are therefore divided into eight groups, the positions in blocks of 2 x
 //! 4 pixels, and the number of paths of a group follows from the error of the next group. A pixel's own samples can affect
-//! it only through all eight groups, after as many decisions. So no paths are shared between groups either. Decisions are few: a group takes at once what it is expected
-//! to need, from half of its paths to three times as many.
+//! it only through all eight groups, after as many decisions. So no paths are shared between groups either, and each group
+//! goes on to the most paths that are allowed, even if others have them. Decisions are few: a group takes at once what it is
+//! expected to need, from half of its paths to three times as many.
 //!
 //! Where paths have found next to nothing, the estimate of the error says nothing: a pixel without a find has none, one with
 //! a find counts 1 at most. Such a group goes on until light that its paths could have missed is below the goal.
@@ -36,6 +37,8 @@ pub struct NoiseGoal {
     pub error: f64,
     /// Paths per pixel before the noise is estimated, ≥ 2.
     pub min_paths: u32,
+    /// Maximum paths per pixel.
+    pub max_paths: u32,
 }
 
 /// The group of a pixel of a tile, `width` a row.
@@ -113,6 +116,7 @@ impl<'a> TileStats<'a> {
         std::array::from_fn(|group| {
             let own = self.paths_of(group);
             let Some(goal) = goal else { return paths + most - own };
+            let paths = paths.min(goal.max_paths.saturating_sub(own));
             if own < goal.min_paths {
                 return paths;
             }
@@ -131,11 +135,16 @@ impl<'a> TileStats<'a> {
         (0..self.stats.len()).map(|i| groups[group_of(i, self.width)]).collect()
     }
 
+    /// Fewest paths of a group that goes on; `None` if none does.
+    pub fn open_paths(self, goal: &NoiseGoal) -> Option<u32> {
+        let more = self.paths_for(1, Some(goal));
+        let present = (0..GROUPS).filter(|&group| self.group(group).next().is_some());
+        present.filter(|&group| more[group] > 0).map(|group| self.paths_of(group)).min()
+    }
+
     /// Has every group reached the goal?
     pub fn is_clean(self, goal: &NoiseGoal) -> bool {
-        let present = (0..GROUPS).filter(|&group| self.group(group).next().is_some());
-        let more = self.paths_for(1, Some(goal));
-        present.map(|group| more[group]).sum::<u32>() == 0
+        self.open_paths(&NoiseGoal { max_paths: u32::MAX, ..*goal }).is_none()
     }
 }
 
@@ -150,7 +159,7 @@ mod tests {
         PixelStats { samples: n, sum: [m; 3], sum_squared: [m + variance * (m - 1.0); 3], ..PixelStats::EMPTY }
     }
 
-    const GOAL: NoiseGoal = NoiseGoal { error: 0.1, min_paths: 32 };
+    const GOAL: NoiseGoal = NoiseGoal { error: 0.1, min_paths: 32, max_paths: u32::MAX };
 
     #[test]
     fn a_group_takes_what_the_next_one_asks_for_whatever_its_own_pixels_show() {
@@ -233,7 +242,7 @@ mod tests {
     /// |z| > 4 by chance: one in 16 000.
     #[test]
     fn rare_bright_paths_make_no_tile_darker() {
-        let goal = NoiseGoal { error: 0.05, min_paths: 32 };
+        let goal = NoiseGoal { error: 0.05, ..GOAL };
         let own = |seen: TileStats, paths| {
             let error = (0..64).map(|i| seen.error(i)).sum::<f64>() / 64.0;
             vec![if error > 0.05 * 0.05 { paths } else { 0 }; 64]

@@ -128,7 +128,10 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
     lens(scene, settings)?;
     let groups = settings.light_groups.as_ref().map_or(Ok(None), |groups| groups.table(scene))?;
     let start = Instant::now();
-    let (fewest, most) = from.as_ref().map_or((0, 0), |saved| paths_range(&saved.tiles));
+    let most = from.as_ref().map_or(0, |saved| paths_range(&saved.tiles).1);
+    let goal = settings.noise_goal();
+    let begins = |saved: &Saved| saved.tiles.iter().map(|tile| tile.paths_before_pass(goal.as_ref())).min();
+    let fewest = from.as_ref().and_then(begins).unwrap_or(0);
     let unfinished = scheduler::planned(settings, fewest).is_some();
     let prepasses = if unfinished { Prepasses::run(scene, settings, stop) } else { Prepasses::default() };
     let transport = Transport { groups, ..prepasses.apply(transport(scene, settings)) };
@@ -237,7 +240,10 @@ impl Driver<'_> {
     fn planned(&self, tile: &Tile) -> Option<u32> {
         match &self.allocation {
             Some(allocation) => allocation.next_pass(self.settings, tile),
-            None => scheduler::planned_to(self.settings, self.goal(tile), tile.paths()),
+            None => {
+                let done = tile.paths_before_pass(self.settings.noise_goal().as_ref());
+                scheduler::planned_to(self.settings, self.goal(tile), done)
+            }
         }
     }
 
@@ -253,7 +259,7 @@ impl Driver<'_> {
     fn is_finished(&self, tile: &Tile) -> bool {
         match &self.allocation {
             Some(_) => self.planned(tile).is_none(),
-            None => self.settings.noise_goal().is_some_and(|goal| tile.is_clean(&goal)),
+            None => self.settings.noise_goal().is_some_and(|goal| tile.tile_stats().open_paths(&goal).is_none()),
         }
     }
 
@@ -276,6 +282,9 @@ impl Driver<'_> {
             true => [mean_paths(tiles); 2].into(),
             false => paths_range(open()),
         };
+        let noise_goal = settings.noise_goal();
+        let begins = open().filter_map(|tile| tile.tile_stats().open_paths(noise_goal.as_ref()?)).min();
+        let done = begins.unwrap_or(done);
         let ahead = if per_tile_counts { done } else { ahead };
         if ahead == done {
             stats.noise = noise(tiles, settings.window());
@@ -291,8 +300,11 @@ impl Driver<'_> {
             render_seconds: self.clock.render_seconds(),
             stopped: self.is_stopped(),
         };
+        let is_clean = |tile: &Tile| noise_goal.is_some_and(|goal| tile.is_clean(&goal));
         let size = match scheduler::next(settings, &state) {
-            Next::Stop(StopReason::Noise) if allocation.is_some() => return Err(StopReason::Samples),
+            Next::Stop(StopReason::Noise) if !tiles.iter().all(|tile| is_clean(tile)) => {
+                return Err(StopReason::Samples);
+            }
             Next::Pass(size) => size,
             Next::Stop(reason) => return Err(reason),
         };

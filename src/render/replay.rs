@@ -55,7 +55,7 @@ pub fn replay(
     let mut tile = Tile::new([x / TILE, y / TILE], settings.width, settings.height, columns);
     let planned = |tile: &Tile| match &prepasses.allocation {
         Some(allocation) => allocation.next_pass(settings, tile),
-        None => scheduler::planned(settings, tile.paths()),
+        None => scheduler::planned(settings, tile.paths_before_pass(settings.noise_goal().as_ref())),
     };
     while let Some(pass) = planned(&tile) {
         transport.seed = pass_seed(settings, tile.paths());
@@ -73,8 +73,8 @@ pub fn replay(
                 report(Replayed { path: task.first_path + path, radiance, borrowed, events });
             }
         });
-        let is_clean = settings.noise_goal().is_some_and(|goal| tile.is_clean(&goal));
-        if is_clean || only.is_some_and(|only| only < tile.fewest_paths()) {
+        let is_finished = settings.noise_goal().is_some_and(|goal| tile.tile_stats().open_paths(&goal).is_none());
+        if is_finished || only.is_some_and(|only| only < tile.fewest_paths()) {
             break;
         }
     }

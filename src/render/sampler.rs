@@ -171,8 +171,9 @@ impl Sampler for TileSampler<'_> {
 
     fn take(&mut self, counts: &[Counts], weighed: &[Counts], observer: Option<&mut dyn Observer>) {
         let tracer = &mut self.buffers.tracer;
-        let apart = self.goal.is_some();
-        tracer.trace(self.tile, self.transport, (counts, weighed), apart, observer, self.watch);
+        let (width, apart) = (self.tile.width(), self.goal.is_some());
+        let class = |i| if apart { group_of(i, width) } else { 0 };
+        tracer.trace(self.tile, self.transport, (counts, weighed), &class, observer, self.watch);
     }
 
     fn pilot(&mut self, counts: Counts) -> &[Contribution] {
@@ -188,8 +189,9 @@ impl Sampler for TileSampler<'_> {
         };
         let first: Vec<_> = self.tile.pixels.iter().map(first).collect();
         tracer.indirect.resize(self.tile.groups.len(), [0.0; 3]);
-        let apart = self.goal.is_some();
-        tracer.trace(self.tile, self.transport, (&all, &all), apart, Some(pilot), self.watch);
+        let (width, apart) = (self.tile.width(), self.goal.is_some());
+        let class = |i| if apart { group_of(i, width) } else { i % width % 2 };
+        tracer.trace(self.tile, self.transport, (&all, &all), &class, Some(pilot), self.watch);
         pilot.indirect = std::mem::take(&mut tracer.indirect);
         // Sample indices of a pilot count from 0.
         for found in &mut pilot.contributions {
@@ -219,20 +221,20 @@ impl Sampler for TileSampler<'_> {
 }
 
 impl Tracer {
-    /// Traces paths with sample counts `counts` and the MIS weights of sample counts `weighed`. With `apart`, pixels of different
-    /// groups of the stop rule share no paths.
+    /// Traces paths with sample counts `counts` and the MIS weights of sample counts `weighed`. Pixels of different classes
+    /// share no paths.
     fn trace(
         &mut self,
         tile: &mut Tile,
         transport: &Transport,
         (counts, weighed): (&[Counts], &[Counts]),
-        apart: bool,
+        class: &dyn Fn(usize) -> usize,
         mut observer: Option<&mut dyn Observer>,
         watch: &mut dyn FnMut(&[PixelTask]),
     ) {
         let Self { wave, tasks, aovs, contributions, ground, blocks, indirect } = self;
         let shares = transport.proposal.reuse.is_some();
-        let (count, width) = (tile.groups.len() / tile.pixels().max(1), tile.width());
+        let count = tile.groups.len() / tile.pixels().max(1);
         for Part { pixels: range, paths: [from, to] } in parts(counts, shares) {
             let std::ops::Range { start, end } = range;
             tasks.clear();
@@ -249,7 +251,7 @@ impl Tracer {
                     counts,
                     weighed: weighed[i],
                     number: i as u32,
-                    class: if apart { group_of(i, width) as u32 } else { 0 },
+                    class: class(i) as u32,
                 });
                 pixel.light += counts.light;
                 pixel.environment += counts.environment.unwrap_or(0);

@@ -304,7 +304,8 @@ impl RenderSettings {
 
     /// The noise goal, if there is one.
     pub fn noise_goal(&self) -> Option<NoiseGoal> {
-        self.noise.map(|error| NoiseGoal { error, min_paths: self.min_spp.unwrap_or(NOISE_PATHS).max(2) })
+        let (min_paths, max_paths) = (self.min_spp.unwrap_or(NOISE_PATHS).max(2), self.spp.unwrap_or(u32::MAX));
+        self.noise.map(|error| NoiseGoal { error, min_paths, max_paths })
     }
 
     /// Expected paths per pixel, as far as they are known before the first.

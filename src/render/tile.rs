@@ -202,7 +202,12 @@ impl Tile {
         self.stats.iter().map(|s| s.samples).min().unwrap_or(0)
     }
 
-    /// Has it reached this noise goal?
+    /// Paths after which its next pass begins: with a noise goal, the fewest of pixels that go on.
+    pub fn paths_before_pass(&self, goal: Option<&NoiseGoal>) -> u32 {
+        goal.and_then(|goal| self.tile_stats().open_paths(goal)).unwrap_or(self.paths())
+    }
+
+    /// Have all its pixels reached this noise goal?
     pub fn is_clean(&self, goal: &NoiseGoal) -> bool {
         self.tile_stats().is_clean(goal)
     }

@@ -59,7 +59,7 @@ fn share(balance: Balance, samples: &[(f32, f32)], others: &[(f32, f32)]) -> f32
     }
     let candidates = Candidates::light_and_bsdf(Caution::DIRECT);
     let variances = BlockVariances::new(&candidates, &contributions, image.pixels.len(), PILOT);
-    variances.choose(image.width, &image.guides, EQUAL_COST)[pixel].light_share
+    variances.choose(image.width, &image.guides, EQUAL_COST, false)[pixel].light_share
 }
 
 pub fn facts() -> Vec<Fact> {

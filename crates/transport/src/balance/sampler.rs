@@ -14,7 +14,8 @@ pub trait Sampler {
     /// The lights that light samples can reach; `None` if no light has an extent.
     fn lights(&self) -> Option<LightInfo>;
 
-    /// Do pixels share paths? Then no pixel's samples may be weighted by what others have found.
+    /// Do pixels share paths? In a pilot then only those whose columns have the same parity, so that the others' samples, which
+    /// share none with theirs, may decide how theirs are weighted.
     fn shares_paths(&self) -> bool {
         false
     }

@@ -215,22 +215,29 @@ impl<'a> BlockVariances<'a> {
     /// The shares of each pixel of a tile with `width` pixels per row, by the other pixels' variances alone: those that its
     /// neighbours choose, or the prior where such shares leave too much of variance times `cost` at the pixels that are no
     /// neighbours of it. These judge by their own variances what their neighbours have chosen. `features` has one entry per pixel.
-    pub fn choose(&self, width: usize, features: &[PixelFeatures], cost: Cost) -> Vec<Shares> {
+    /// With `shared` paths, a pixel learns nothing from columns of its own parity ([`Sampler::pilot`](super::Sampler::pilot)).
+    pub fn choose(&self, width: usize, features: &[PixelFeatures], cost: Cost, shared: bool) -> Vec<Shares> {
         let Candidates { shares, prior, caution, .. } = self.candidates;
         let pixels = self.prior.len();
-        let chosen: Vec<_> = (0..pixels).map(|pixel| self.by_neighbours(pixel, width, features, cost)).collect();
+        let informs = |other: usize, pixel: usize| !shared || (other % width + pixel % width) % 2 == 1;
+        let by_neighbours = |pixel| self.by_neighbours(pixel, width, features, cost, |other| informs(other, pixel));
+        let chosen: Vec<_> = (0..pixels).map(by_neighbours).collect();
         let work: Vec<_> = chosen.iter().enumerate().map(|(pixel, at)| self.work(pixel, *at, cost)).collect();
         // Whole sums without these pixels, not less them: rounding would leave a trace of the pixel itself.
-        let rows: Vec<_> = work.chunks(width).map(|row| (row, sum(row.iter().copied()))).collect();
+        let of_parity = |row: &[[f64; 2]], parity| {
+            sum(row.iter().enumerate().filter(|(column, _)| informs(*column, parity)).map(|(_, work)| *work))
+        };
+        let rows: Vec<_> = work.chunks(width).map(|row| (row, [0, 1].map(|parity| of_parity(row, parity)))).collect();
         let is_far = |a: usize, b: usize| a.abs_diff(b) > NEIGHBOUR_RADIUS;
         let pays = |pixel: usize| {
             let (x, y) = (pixel % width, pixel / width);
             let beside = |row: &[[f64; 2]]| {
-                sum(row.iter().enumerate().filter(|(column, _)| is_far(*column, x)).map(|(_, work)| *work))
+                let counts = |column: usize| is_far(column, x) && informs(column, x);
+                sum(row.iter().enumerate().filter(|(column, _)| counts(*column)).map(|(_, work)| *work))
             };
             let by_row = rows.iter().enumerate();
             let [chosen, prior] =
-                sum(by_row.map(|(row, (work, all))| if is_far(row, y) { *all } else { beside(work) }));
+                sum(by_row.map(|(row, (work, all))| if is_far(row, y) { all[x % 2] } else { beside(work) }));
             chosen <= f64::from(caution.max_remaining) * prior
         };
         let share = |(pixel, at): (usize, usize)| shares[if at != *prior && pays(pixel) { at } else { *prior }];
@@ -250,10 +257,20 @@ impl<'a> BlockVariances<'a> {
 
     /// The candidate for pixel `pixel` by the variances of its neighbours alone. Among those with less variance than the prior,
     /// pseudo-observations and doubt included, it is the one with the least variance times `cost`; the prior if there is none.
-    fn by_neighbours(&self, pixel: usize, width: usize, features: &[PixelFeatures], cost: Cost) -> usize {
+    fn by_neighbours(
+        &self,
+        pixel: usize,
+        width: usize,
+        features: &[PixelFeatures],
+        cost: Cost,
+        informs: impl Fn(usize) -> bool,
+    ) -> usize {
         let chunks = self.candidates.ratios.len();
         let similar = |other: &usize| {
-            *other != pixel && self.prior[*other] > 0.0 && features[pixel].is_similar(&features[*other])
+            *other != pixel
+                && informs(*other)
+                && self.prior[*other] > 0.0
+                && features[pixel].is_similar(&features[*other])
         };
         let mut neighbours = [0; (2 * NEIGHBOUR_RADIUS + 1).pow(2)];
         let mut found = 0;

@@ -39,7 +39,7 @@ impl Method for Progressive {
             return take_pass(learned, sampler, paths);
         };
         let candidates = candidates(lights);
-        match pilot_paths(paths).filter(|_| !sampler.shares_paths()) {
+        match pilot_paths(paths) {
             Some(pilot) => {
                 let pilot = candidates.pilot(pilot);
                 take_pass_with_pilot(learned, sampler, &candidates, (pilot, paths), lights.selection_cost);
@@ -80,7 +80,7 @@ fn take_pass_with_pilot(
     let variances = BlockVariances::new(candidates, sampler.pilot(pilot), n, pilot.paths);
     let (width, rays, features) = (sampler.width(), sampler.cost(), sampler.features());
     let cost = Cost { light: rays.light + selection_cost, ..rays };
-    learned.shares.copy_from_slice(&variances.choose(width, &features, cost));
+    learned.shares.copy_from_slice(&variances.choose(width, &features, cost, sampler.shares_paths()));
     let total_of = |shares: &Shares| Counts::from_shares(*shares, paths).at_least(pilot);
     let total: Vec<_> = learned.shares.iter().map(total_of).collect();
     sampler.reweight(&total);

@@ -16,7 +16,7 @@ fn shares(
     contributions: &[Contribution],
     features: &[PixelFeatures],
 ) -> Vec<Shares> {
-    BlockVariances::new(candidates, contributions, features.len(), 32).choose(width, features, EQUAL)
+    BlockVariances::new(candidates, contributions, features.len(), 32).choose(width, features, EQUAL, false)
 }
 
 /// The light share of one of them.
@@ -154,7 +154,7 @@ fn estimate(replicas: u32, own: bool) -> (f64, f64) {
         });
         let learned: Vec<_> = learned.collect();
         let candidates = Candidates::light_and_bsdf(Caution::DIRECT);
-        let chosen = BlockVariances::new(&candidates, &learned, 9, PILOT).choose(3, &[WALL; 9], EQUAL)[4];
+        let chosen = BlockVariances::new(&candidates, &learned, 9, PILOT).choose(3, &[WALL; 9], EQUAL, false)[4];
         let total = Counts::from_shares(chosen, PATHS);
         let ratios = total.relative_to(Counts::half(PILOT));
         let weighed = |technique, i| f64::from(of(4, technique, i).reweighted(ratios).x);
@@ -261,7 +261,7 @@ fn of_shares_that_are_surely_better_the_cheapest_work_wins() {
     }
     let candidates = Candidates::light_and_bsdf(Caution::DIRECT);
     let variances = BlockVariances::new(&candidates, &contributions, 25, 32);
-    let share = |cost| variances.choose(5, &[WALL; 25], cost)[12].light_share;
+    let share = |cost| variances.choose(5, &[WALL; 25], cost, false)[12].light_share;
     // V ∝ 16/α + 1/(1 − α) is least at ¾ of the candidates; V α falls with α, but nothing below ½ is better than ½.
     let dear_light = share(Cost { fixed: 0.0, light: 1.0, bsdf: 0.0 });
     assert!(dear_light > 0.5 && dear_light < share(EQUAL), "{dear_light} {}", share(EQUAL));
