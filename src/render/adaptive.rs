@@ -228,8 +228,7 @@ mod tests {
                     }
                 }
                 let seen = TileStats { stats: &stats, width: 8 };
-                let left = 512 - seen.paths();
-                dealt = next(seen, left.min(GROWTH * seen.paths()));
+                dealt = next(seen, GROWTH * seen.paths());
             }
             let mean = stats.iter().map(|s| f64::from(s.mean()[0])).sum::<f64>() / 64.0;
             (sum, sum2) = (sum + mean, sum2 + mean * mean);
@@ -242,10 +241,10 @@ mod tests {
     /// |z| > 4 by chance: one in 16 000.
     #[test]
     fn rare_bright_paths_make_no_tile_darker() {
-        let goal = NoiseGoal { error: 0.05, ..GOAL };
-        let own = |seen: TileStats, paths| {
+        let goal = NoiseGoal { error: 0.05, max_paths: 512, ..GOAL };
+        let own = |seen: TileStats, paths: u32| {
             let error = (0..64).map(|i| seen.error(i)).sum::<f64>() / 64.0;
-            vec![if error > 0.05 * 0.05 { paths } else { 0 }; 64]
+            vec![if error > 0.05 * 0.05 { paths.min(512 - seen.paths()) } else { 0 }; 64]
         };
         let (groups, own) = (z(|seen, paths| seen.deal(seen.paths_for(paths, Some(&goal)))), z(own));
         assert!(groups.abs() < 4.0, "{groups} {own}");
