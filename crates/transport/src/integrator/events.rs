@@ -63,6 +63,19 @@ pub struct ScatteredGroup {
     pub pdf: [F; 3],
     /// Roulette probabilities at the surface: of the light sample, and of continuing the path.
     pub roulette: [F; 2],
+    /// Mask of those that roulette has ended.
+    pub ended: F,
+}
+
+/// A thin wall that a ray of a path passed.
+#[derive(Debug, Clone, Copy)]
+pub struct PassedWall {
+    /// Row of the ray.
+    pub row: usize,
+    /// What the wall leaves of light, linear RGB.
+    pub weight: Vec3,
+    /// Distance of the wall from the ray's origin.
+    pub t: f32,
 }
 
 /// Light that a shadow ray found.
@@ -95,6 +108,14 @@ pub trait PathEvents {
     #[inline]
     fn begin(&mut self, at: &WaveContext) {}
 
+    /// The rays at a depth are about to be traced.
+    #[inline]
+    fn rays(&mut self, at: &WaveContext, rays: &PathRays) {}
+
+    /// A ray has passed a thin wall, told before what it meets behind.
+    #[inline]
+    fn passed_wall(&mut self, at: &WaveContext, rays: &PathRays, passed: &PassedWall) {}
+
     /// The rays at a depth have met surfaces, or nothing. Camera rays have not passed thin walls yet, all others have.
     #[inline]
     fn hits(&mut self, at: &WaveContext, rays: &PathRays, hits: &HitBatch) {}
@@ -106,6 +127,15 @@ pub trait PathEvents {
     /// A ray has found light at its end.
     #[inline]
     fn emission(&mut self, at: &WaveContext, rays: &PathRays, found: &FoundEmission) {}
+
+    /// The second surface at the end of the ray of this number lends what its path finds from here on, with a throughput of one,
+    /// or ends its path, where it does not go on ([`reuse`](crate::integrator::reuse)).
+    #[inline]
+    fn lends(&mut self, at: &WaveContext, ray: u32, goes_on: bool) {}
+
+    /// A ray has found light that its path lends: `radiance` is what leaves the second surface, and is no path's yet.
+    #[inline]
+    fn lent(&mut self, at: &WaveContext, rays: &PathRays, found: &FoundEmission) {}
 
     /// A group of vertices has sampled lights; punctual lights are not among them.
     #[inline]
@@ -122,9 +152,17 @@ pub trait PathEvents {
     #[inline]
     fn scattered(&mut self, at: &WaveContext, vertices: &Vertices, group: &RequestGroup, samples: &ScatteredGroup) {}
 
+    /// All shadow rays at a depth have been traced, those of light that is lent among them.
+    #[inline]
+    fn shadow_rays(&mut self, at: &WaveContext, shadows: &ShadowRays) {}
+
     /// A shadow ray has found light; punctual lights are among them.
     #[inline]
     fn unoccluded(&mut self, at: &WaveContext, shadows: &ShadowRays, found: &UnoccludedLight) {}
+
+    /// A sample of the path with this index was discarded, as its radiance was not finite.
+    #[inline]
+    fn not_finite(&mut self, at: &WaveContext, path: u32) {}
 
     /// A first surface has borrowed light.
     #[inline]
@@ -144,6 +182,16 @@ macro_rules! pass_on {
         }
 
         #[inline]
+        fn rays(&mut $self, at: &WaveContext, rays: &PathRays) {
+            $($clients.for_each(|client| client.rays(at, rays));)*
+        }
+
+        #[inline]
+        fn passed_wall(&mut $self, at: &WaveContext, rays: &PathRays, passed: &PassedWall) {
+            $($clients.for_each(|client| client.passed_wall(at, rays, passed));)*
+        }
+
+        #[inline]
         fn hits(&mut $self, at: &WaveContext, rays: &PathRays, hits: &HitBatch) {
             $($clients.for_each(|client| client.hits(at, rays, hits));)*
         }
@@ -156,6 +204,16 @@ macro_rules! pass_on {
         #[inline]
         fn emission(&mut $self, at: &WaveContext, rays: &PathRays, found: &FoundEmission) {
             $($clients.for_each(|client| client.emission(at, rays, found));)*
+        }
+
+        #[inline]
+        fn lends(&mut $self, at: &WaveContext, ray: u32, goes_on: bool) {
+            $($clients.for_each(|client| client.lends(at, ray, goes_on));)*
+        }
+
+        #[inline]
+        fn lent(&mut $self, at: &WaveContext, rays: &PathRays, found: &FoundEmission) {
+            $($clients.for_each(|client| client.lent(at, rays, found));)*
         }
 
         #[inline]
@@ -181,8 +239,18 @@ macro_rules! pass_on {
         }
 
         #[inline]
+        fn shadow_rays(&mut $self, at: &WaveContext, shadows: &ShadowRays) {
+            $($clients.for_each(|client| client.shadow_rays(at, shadows));)*
+        }
+
+        #[inline]
         fn unoccluded(&mut $self, at: &WaveContext, shadows: &ShadowRays, found: &UnoccludedLight) {
             $($clients.for_each(|client| client.unoccluded(at, shadows, found));)*
+        }
+
+        #[inline]
+        fn not_finite(&mut $self, at: &WaveContext, path: u32) {
+            $($clients.for_each(|client| client.not_finite(at, path));)*
         }
 
         #[inline]

@@ -93,17 +93,17 @@ impl Transport<'_> {
     }
 
     /// Does the wave cull back faces?
-    pub(in crate::integrator) fn culls(&self) -> bool {
+    pub fn culls(&self) -> bool {
         self.culls_back_faces && self.materials.has_single_sided
     }
 
     /// Do shadow rays pass bodies of smooth glass, and are there any?
-    pub(in crate::integrator) fn passes_bodies(&self) -> bool {
+    pub fn passes_bodies(&self) -> bool {
         self.straight_glass_shadows && self.materials.has_smooth_bodies
     }
 
     /// Samples per path beyond first surfaces (environment, area lights, BSDF): one light sample and one BSDF sample.
-    pub(in crate::integrator) fn deeper_samples_per_path(&self) -> [f32; 3] {
+    pub fn deeper_samples_per_path(&self) -> [f32; 3] {
         Counts::half(1).samples_per_path(self.proposal.lights.environment_probability)
     }
 }

@@ -21,6 +21,8 @@ mod groups;
 mod lenders;
 mod pairs;
 
+use std::ops::Range;
+
 use glam::Vec3;
 
 use super::data::context::WaveContext;
@@ -30,7 +32,9 @@ use super::data::queues::{LightKind, PathRays, ShadowRays};
 use super::data::requests::RequestGroup;
 use super::data::transport::Transport;
 use super::data::vertices::Vertices;
-use super::events::{BorrowedLight, FoundEmission, LightSampleGroup, PathEvents, ScatteredGroup, UnoccludedLight};
+use super::events::{
+    BorrowedLight, FoundEmission, LightSampleGroup, PassedWall, PathEvents, ScatteredGroup, UnoccludedLight,
+};
 use super::stages::emission::weighted_light_pdf;
 use crate::lanes::{F, LANES, NUMBERS, Rows, U, grow, load_bits, store};
 use crate::rays::HitBatch;
@@ -59,15 +63,17 @@ pub struct Lending {
     lenders: Vec<Lender>,
     finds: Vec<Find>,
     pairs: Pairs,
-    /// Index in the wave of the path whose loans are listed.
-    pub watched: Option<u32>,
-    /// What it borrows, lender by lender.
+    /// Indices in the wave of the paths whose loans are listed.
+    pub watched: Range<u32>,
+    /// What they borrow, lender by lender.
     pub loans: Vec<Loan>,
 }
 
-/// Light that a path borrows from a second surface.
+/// Light that a path borrows from a second surface, or that sharp lobes of its own second surface scatter.
 #[derive(Debug, Clone, Copy)]
 pub struct Loan {
+    /// Index in the wave of the path that borrows.
+    pub to: u32,
     /// Column and row of the pixel whose path has found the second surface, and the path's number in it.
     pub from: [u32; 3],
     /// Linear RGB, as it is added to the path that borrows.
@@ -113,8 +119,8 @@ impl Lending {
         true
     }
 
-    /// Marks the second surfaces that lend their light: their paths go on with a throughput of one, or end.
-    pub fn lend(&mut self, at: &WaveContext, rays: &PathRays, vertices: &mut Vertices) {
+    /// Marks the second surfaces that lend their light: their paths go on with a throughput of one, or end. Tells `clients`.
+    fn lend<E: PathEvents>(&mut self, at: &WaveContext, rays: &PathRays, vertices: &mut Vertices, clients: &mut E) {
         vertices.ended.clear();
         let Some(reuse) = at.transport.proposal.reuse.filter(|_| self.active && at.depth == 1) else { return };
         let (first, samples) = (&self.vertices[0].origin, &self.samples);
@@ -139,6 +145,7 @@ impl Lending {
                 let distance2 =
                     vertices.origin.get(row).distance_squared(self.vertices[0].origin.get(sample.x as usize));
                 let goes_on = group.goes_on(F::splat(distance2), sharp).as_array()[0];
+                clients.lends(at, vertices.ray[row], place.order < goes_on);
                 if place.order < goes_on {
                     sample.lender = self.lenders.len() as u32;
                     self.lender_of[ray] = sample.lender;
@@ -208,23 +215,26 @@ impl Lending {
         for (group, members) in groups.each() {
             let is_lit = |lender: &u32| lenders.get(*lender as usize).is_some_and(Lender::is_lit);
             let lit = members.iter().map(|member| samples[*member as usize].lender).filter(is_lit);
-            let of_watched = |path| members.iter().find(|member| samples[**member as usize].path == path);
-            let Some(borrower) = watched.and_then(of_watched) else {
+            let watches = |sample: &&u32| watched.contains(&samples[**sample as usize].path);
+            let borrowers: Vec<_> = members.iter().filter(watches).map(|sample| *sample as usize).collect();
+            if borrowers.is_empty() {
                 pairs.push(group, members, lit);
                 if pairs.is_full() {
                     pairs.evaluate(at.transport, vertices, samples, (lenders, finds), counts);
                 }
                 continue;
-            };
+            }
             // One lender after the other, which tells them apart.
             let lit: Vec<u32> = lit.collect();
             pairs.evaluate(at.transport, vertices, samples, (lenders, finds), counts);
             for own in members.iter().map(|member| &samples[*member as usize]).filter(|own| lit.contains(&own.lender)) {
-                let before = pairs.borrowed[*borrower as usize];
+                let before: Vec<_> = borrowers.iter().map(|borrower| pairs.borrowed[*borrower]).collect();
                 pairs.push(group, members, [own.lender].into_iter());
                 pairs.evaluate(at.transport, vertices, samples, (lenders, finds), counts);
-                let radiance = weighted(pairs.borrowed[*borrower as usize] - before, &samples[*borrower as usize]);
-                loans.push(Loan { from: at.place(own.path), radiance });
+                for (borrower, before) in borrowers.iter().zip(before) {
+                    let radiance = weighted(pairs.borrowed[*borrower] - before, &samples[*borrower]);
+                    loans.push(Loan { to: samples[*borrower].path, from: at.place(own.path), radiance });
+                }
             }
         }
         pairs.evaluate(at.transport, vertices, samples, (lenders, finds), counts);
@@ -239,6 +249,9 @@ impl Lending {
                 continue;
             }
             light[sample.path as usize] += radiance;
+            if watched.contains(&sample.path) {
+                loans.push(Loan { to: sample.path, from: at.place(sample.path), radiance: own });
+            }
             clients.borrowed(at, &BorrowedLight { path: sample.path, index: sample.index, radiance });
         }
     }
@@ -256,9 +269,23 @@ pub struct PathLight<'a, E> {
 }
 
 impl<E: PathEvents> PathLight<'_, E> {
+    /// Marks the second surfaces that lend their light.
+    pub fn lend(&mut self, at: &WaveContext, rays: &PathRays, vertices: &mut Vertices) {
+        self.lending.lend(at, rays, vertices, self.clients);
+    }
+
+    /// Counts the samples that were discarded at this depth.
+    pub fn discard(&mut self, at: &WaveContext, counts: &mut WaveCounts, samples: &mut NonFiniteSamples) {
+        for path in samples.paths.drain(..) {
+            counts.add_not_finite(at, path);
+            self.clients.not_finite(at, path);
+        }
+    }
+
     /// All paths have ended: shares what is lent.
     pub fn end(&mut self, at: &WaveContext, counts: &mut WaveCounts, non_finite: &mut NonFiniteSamples) {
         self.lending.share(at, counts, non_finite, self.radiance, self.clients);
+        self.discard(at, counts, non_finite);
         self.clients.end(at, self.radiance);
     }
 }
@@ -267,6 +294,16 @@ impl<E: PathEvents> PathEvents for PathLight<'_, E> {
     fn begin(&mut self, at: &WaveContext) {
         self.lending.begin(at);
         self.clients.begin(at);
+    }
+
+    #[inline]
+    fn rays(&mut self, at: &WaveContext, rays: &PathRays) {
+        self.clients.rays(at, rays);
+    }
+
+    #[inline]
+    fn passed_wall(&mut self, at: &WaveContext, rays: &PathRays, passed: &PassedWall) {
+        self.clients.passed_wall(at, rays, passed);
     }
 
     #[inline]
@@ -285,13 +322,13 @@ impl<E: PathEvents> PathEvents for PathLight<'_, E> {
         if at.depth == 2 {
             let light_pdf = weighted_light_pdf(at, rays, found.ray as usize, found.pdf);
             if self.lending.find(at, ray, NEXT, (found.radiance, light_pdf)) {
-                return;
+                return self.clients.lent(at, rays, found);
             }
         } else if at.depth > 2
             && let Some(lender) = self.lending.lender(at, ray)
         {
             lender.beyond += found.radiance;
-            return;
+            return self.clients.lent(at, rays, found);
         }
         self.radiance[rays.path[found.ray as usize] as usize] += found.radiance;
         self.clients.emission(at, rays, found);
@@ -333,6 +370,11 @@ impl<E: PathEvents> PathEvents for PathLight<'_, E> {
                 lender.directions[NEXT] = wi.lane(lane);
             }
         }
+    }
+
+    #[inline]
+    fn shadow_rays(&mut self, at: &WaveContext, shadows: &ShadowRays) {
+        self.clients.shadow_rays(at, shadows);
     }
 
     #[inline]

@@ -80,7 +80,7 @@ fn one_group(
     let valid = mask(group.len) & sample.pdf.simd_gt(F::ZERO) & spawned.allowed;
     let finite = beta.is_finite();
     non_finite.add_lanes((valid & !finite).to_bitmask(), id.path);
-    let mut alive = valid & beta.max_element().simd_gt(F::ZERO) & finite;
+    let (mut alive, mut ended) = (valid & beta.max_element().simd_gt(F::ZERO) & finite, F::ZERO);
     let roulette = vertices.roulette(transport, rows).filter(|_| depth > 0);
     let keep = match roulette {
         Some([_, on]) => Some(on),
@@ -88,7 +88,8 @@ fn one_group(
         None => Some((beta.max_element() * F::splat(ROULETTE_GAIN)).fast_min(F::ONE)),
     };
     if let Some(keep) = keep {
-        alive &= keep.simd_gt(survive);
+        let survives = keep.simd_gt(survive);
+        (alive, ended) = (alive & survives, alive & !survives);
         beta = beta * keep.simd_ge(F::ONE).select(F::ONE, F::ONE / keep);
     }
     let survivors = Survivors::of(alive);
@@ -108,5 +109,6 @@ fn one_group(
     let first_ray = next.first + next.len as u32;
     next.push(survivors.len, ray, key, beta, normal, survivors.compress(weighted_pdf), path_ids);
     let roulette = [roulette.map_or(F::ONE, |[light, _]| light), keep.unwrap_or(F::ONE)];
-    ScatteredGroup { survivors, first_ray, wi: sample.wi, pdf: [sample.pdf, pdfs[0], pdfs[1]], roulette }
+    let pdf = [sample.pdf, pdfs[0], pdfs[1]];
+    ScatteredGroup { survivors, first_ray, wi: sample.wi, pdf, roulette, ended }
 }

@@ -104,7 +104,7 @@ impl EmissionRays {
         counts.emission_rays += rays.len as u64;
         timed(counts, || transport.rays.closest_hits(&rays.rays, RayOrder::Coherent, hits));
         passing.pass_back_faces(transport, rays, hits);
-        passing.pass_thin_walls(at, rays, hits);
+        passing.pass_thin_walls(at, rays, hits, &mut ());
         sort::sort(transport, at.depth, rays, hits, sorted);
         media::attenuate(transport, at.depth, rays, hits);
         emission::find(at, sorted, rays, hits, found, non_finite, clients);

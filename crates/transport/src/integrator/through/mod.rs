@@ -57,7 +57,7 @@ impl Through {
         if at.depth == 0 {
             clients.hits(at, rays, hits);
         }
-        self.passing.pass_thin_walls(at, rays, hits);
+        self.passing.pass_thin_walls(at, rays, hits, clients);
         if at.depth > 0 {
             clients.hits(at, rays, hits);
         } else if at.transport.materials.has_thin_walls {

@@ -5,6 +5,7 @@ use super::thin_walls::ThinWalls;
 use crate::integrator::data::context::WaveContext;
 use crate::integrator::data::queues::PathRays;
 use crate::integrator::data::transport::Transport;
+use crate::integrator::events::PathEvents;
 use crate::rays::HitBatch;
 
 /// Takes rays through back faces and thin walls; one per thread.
@@ -24,10 +25,16 @@ impl Passing {
         self.walls.back_faces.resolve(transport, &rays.rays, &passes, hits);
     }
 
-    /// Takes rays through thin walls, and through the back faces behind them.
-    pub fn pass_thin_walls(&mut self, at: &WaveContext, rays: &mut PathRays, hits: &mut HitBatch) {
+    /// Takes rays through thin walls, and through the back faces behind them, and tells `clients`.
+    pub fn pass_thin_walls<E: PathEvents>(
+        &mut self,
+        at: &WaveContext,
+        rays: &mut PathRays,
+        hits: &mut HitBatch,
+        clients: &mut E,
+    ) {
         if at.transport.materials.has_thin_walls {
-            self.walls.pass(at, rays, hits);
+            self.walls.pass(at, rays, hits, &mut |rays, passed| clients.passed_wall(at, rays, passed));
         }
     }
 }

@@ -14,6 +14,7 @@ use crate::integrator::data::context::WaveContext;
 use crate::integrator::data::dimensions::{self, MAX_WALLS};
 use crate::integrator::data::queues::{PathRays, ShadowRays};
 use crate::integrator::data::transport::Transport;
+use crate::integrator::events::PassedWall;
 use crate::integrator::surface::geometry::SurfacePoint;
 use crate::integrator::surface::shading_normal;
 use crate::lanes::{F, LANES, U, V3, V3Column, eight};
@@ -109,9 +110,16 @@ pub struct ThinWalls {
 }
 
 impl ThinWalls {
-    /// Takes the rays of paths through the walls that they pass: replaces their hits, and multiplies their throughputs.
+    /// Takes the rays of paths through the walls that they pass: replaces their hits, and multiplies their throughputs. `passed` is
+    /// told of each wall.
     #[inline(never)]
-    pub fn pass(&mut self, at: &WaveContext, rays: &mut PathRays, hits: &mut HitBatch) {
+    pub fn pass(
+        &mut self,
+        at: &WaveContext,
+        rays: &mut PathRays,
+        hits: &mut HitBatch,
+        passed: &mut dyn FnMut(&PathRays, &PassedWall),
+    ) {
         let transport = at.transport;
         if at.depth <= 1 {
             rays.passed_wall.resize(rays.len, false);
@@ -137,6 +145,10 @@ impl ThinWalls {
                         rays.beta.set(row[lane], rays.beta.get(row[lane]) * factor.lane(lane));
                     }
                     if passes {
+                        if !group[lane].again {
+                            let (row, weight) = (row[lane], passages.weight.lane(lane));
+                            passed(rays, &PassedWall { row, weight, t: hits.t[row] });
+                        }
                         self.walls[passing] = group[lane];
                         passing += 1;
                         rays.passed_wall.iter_mut().skip(row[lane]).take(1).for_each(|passed| *passed = true);
