@@ -126,12 +126,12 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
     settings.validate(&scene.scene)?;
     study.validate(settings)?;
     lens(scene, settings)?;
-    let groups = settings.light_groups.as_ref().map_or(Ok(None), |groups| groups.table(scene))?;
+    let layers = settings.light_groups.as_ref().map_or(Ok(None), |groups| groups.table(scene))?;
     let start = Instant::now();
     let (fewest, most) = from.as_ref().map_or((0, 0), |saved| paths_range(&saved.tiles));
     let unfinished = scheduler::planned(settings, fewest).is_some();
     let prepasses = if unfinished { Prepasses::run(scene, settings, stop) } else { Prepasses::default() };
-    let transport = Transport { groups, ..prepasses.apply(transport(scene, settings)) };
+    let transport = Transport { layers, ..prepasses.apply(transport(scene, settings)) };
     // Made after the pre-passes, so that the memory of both is not taken at once.
     let fresh = || Saved { tiles: study_tiles(settings, &study), stats: RenderStats::default(), goals: Vec::new() };
     let Saved { tiles, stats, mut goals } = from.unwrap_or_else(fresh);

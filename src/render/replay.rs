@@ -51,7 +51,7 @@ pub fn replay(
     let never = AtomicBool::new(false);
     let prepasses = Prepasses::run(scene, settings, &never);
     let mut transport = prepasses.apply(transport(scene, settings));
-    let columns = Columns { groups: 0, ..settings.columns() };
+    let columns = Columns { layers: 0, ..settings.columns() };
     let mut tile = Tile::new([x / TILE, y / TILE], settings.width, settings.height, columns);
     let planned = |tile: &Tile| match &prepasses.allocation {
         Some(allocation) => allocation.next_pass(settings, tile),

@@ -188,11 +188,11 @@ impl Picture {
     fn add(&mut self, rendered: &Rendered, by_groups: bool) {
         debug_assert_eq!(rendered.tiles.len(), tile_positions(&rendered.settings).len());
         for tile in &rendered.tiles {
-            let groups = tile.groups.len() / tile.pixels();
+            let layers = tile.layers.len() / tile.pixels();
             for (x, y, i) in tile.inside([0, 0, SIZE[0], SIZE[1]]) {
                 let (stats, mut sum) = (&tile.stats[i], tile.stats[i].sum);
                 if by_groups {
-                    let of = |c: usize| tile.groups[groups * i..][..groups].iter().map(|own| f64::from(own[c])).sum();
+                    let of = |c: usize| tile.layers[layers * i..][..layers].iter().map(|own| f64::from(own[c])).sum();
                     sum = [0, 1, 2].map(of);
                 }
                 self.pixel([x, y], sum, stats.samples, tile.peaks[i].luminance);

@@ -8,7 +8,7 @@ use glam::Vec3;
 
 use crate::integrator::data::context::WaveContext;
 use crate::integrator::data::queues::{LightKind, PathRays, ShadowRays};
-use crate::integrator::data::requests::RequestGroup;
+use crate::integrator::data::requests::RequestPacket;
 use crate::integrator::data::vertices::Vertices;
 use crate::lanes::{F, LANES, Survivors, V3};
 use crate::rays::HitBatch;
@@ -25,13 +25,13 @@ pub struct FoundEmission {
     pub pdf: [f32; 2],
     /// Kind of the light.
     pub kind: LightKind,
-    /// Number of its group ([`Transport::group`](crate::integrator::Transport::group)).
-    pub group: u8,
+    /// Number of its layer ([`Transport::layer`](crate::integrator::Transport::layer)).
+    pub layer: u8,
 }
 
 /// Up to eight light samples of the environment and of area lights.
 #[derive(Debug, Clone, Copy)]
-pub struct LightSampleGroup {
+pub struct LightSamplePacket {
     /// Those that have a shadow ray.
     pub survivors: Survivors,
     /// Row of the first survivor's shadow ray; the others follow.
@@ -52,7 +52,7 @@ pub struct LightSampleGroup {
 
 /// Up to eight directions that were sampled from BSDFs, or from the mixture with the guiding field.
 #[derive(Debug, Clone, Copy)]
-pub struct ScatteredGroup {
+pub struct ScatteredPacket {
     /// Those that have a next ray.
     pub survivors: Survivors,
     /// Number in the wave of the first survivor's ray; the others follow.
@@ -137,20 +137,20 @@ pub trait PathEvents {
     #[inline]
     fn lent(&mut self, at: &WaveContext, rays: &PathRays, found: &FoundEmission) {}
 
-    /// A group of vertices has sampled lights; punctual lights are not among them.
+    /// A packet of vertices has sampled lights; punctual lights are not among them.
     #[inline]
     fn light_samples(
         &mut self,
         at: &WaveContext,
         vertices: &Vertices,
-        group: &RequestGroup,
-        samples: &LightSampleGroup,
+        packet: &RequestPacket,
+        samples: &LightSamplePacket,
     ) {
     }
 
-    /// A group of vertices has sampled directions.
+    /// A packet of vertices has sampled directions.
     #[inline]
-    fn scattered(&mut self, at: &WaveContext, vertices: &Vertices, group: &RequestGroup, samples: &ScatteredGroup) {}
+    fn scattered(&mut self, at: &WaveContext, vertices: &Vertices, packet: &RequestPacket, samples: &ScatteredPacket) {}
 
     /// All shadow rays at a depth have been traced, those of light that is lent among them.
     #[inline]
@@ -221,10 +221,10 @@ macro_rules! pass_on {
             &mut $self,
             at: &WaveContext,
             vertices: &Vertices,
-            group: &RequestGroup,
-            samples: &LightSampleGroup,
+            packet: &RequestPacket,
+            samples: &LightSamplePacket,
         ) {
-            $($clients.for_each(|client| client.light_samples(at, vertices, group, samples));)*
+            $($clients.for_each(|client| client.light_samples(at, vertices, packet, samples));)*
         }
 
         #[inline]
@@ -232,10 +232,10 @@ macro_rules! pass_on {
             &mut $self,
             at: &WaveContext,
             vertices: &Vertices,
-            group: &RequestGroup,
-            samples: &ScatteredGroup,
+            packet: &RequestPacket,
+            samples: &ScatteredPacket,
         ) {
-            $($clients.for_each(|client| client.scattered(at, vertices, group, samples));)*
+            $($clients.for_each(|client| client.scattered(at, vertices, packet, samples));)*
         }
 
         #[inline]

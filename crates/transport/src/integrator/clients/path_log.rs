@@ -9,9 +9,9 @@ use glam::Vec3;
 use crate::integrator::data::context::WaveContext;
 use crate::integrator::data::path_states::clamp_contribution;
 use crate::integrator::data::queues::{LightKind, PathRays, ShadowRays};
-use crate::integrator::data::requests::RequestGroup;
+use crate::integrator::data::requests::RequestPacket;
 use crate::integrator::data::vertices::Vertices;
-use crate::integrator::events::{FoundEmission, PassedWall, PathEvents, ScatteredGroup};
+use crate::integrator::events::{FoundEmission, PassedWall, PathEvents, ScatteredPacket};
 use crate::integrator::stages::emission::mis_weight;
 use crate::lanes::{NUMBERS, U, load_bits};
 use crate::rays::{HitBatch, MISS};
@@ -229,12 +229,12 @@ impl PathEvents for PathLog {
         self.found(at, rays, found);
     }
 
-    fn scattered(&mut self, _at: &WaveContext, vertices: &Vertices, group: &RequestGroup, samples: &ScatteredGroup) {
-        let path = group.path_ids.path.to_array();
-        let arrived = load_bits(&vertices.ray, &group.rows).to_array();
+    fn scattered(&mut self, _at: &WaveContext, vertices: &Vertices, packet: &RequestPacket, samples: &ScatteredPacket) {
+        let path = packet.path_ids.path.to_array();
+        let arrived = load_bits(&vertices.ray, &packet.rows).to_array();
         let survivors = samples.survivors.compress_bits(U::from(NUMBERS)).to_array();
         let ended = samples.ended.to_bitmask();
-        for lane in (0..group.len).filter(|lane| self.watched.contains(&path[*lane])) {
+        for lane in (0..packet.len).filter(|lane| self.watched.contains(&path[*lane])) {
             let number = survivors[..samples.survivors.len].iter().position(|own| *own == lane as u32);
             let next = match number {
                 Some(number) => Ok(samples.first_ray + number as u32),

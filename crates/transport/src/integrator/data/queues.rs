@@ -1,7 +1,7 @@
 //! The queues between stages, as structure of arrays: path rays, sorted hits, shadow rays.
 
 use super::history::RayHistory;
-pub use super::light_groups::{LightKind, LightNumber};
+pub use super::light_layers::{LightKind, LightNumber};
 use super::transport::Transport;
 use crate::lanes::{F, Survivors, U, V3, V3Column, grow, store, store_bits};
 use crate::rays::RayBatch;
@@ -66,7 +66,7 @@ impl PathRays {
         self.len = 0;
     }
 
-    /// Appends a group of eight rows, of which the first `n` are valid. `key` is that of [`RayBatch::key`].
+    /// Appends a packet of eight rows, of which the first `n` are valid. `key` is that of [`RayBatch::key`].
     #[inline(always)]
     #[allow(clippy::too_many_arguments, reason = "a row's columns")]
     pub fn push(&mut self, n: usize, ray: (V3, V3), key: U, beta: V3, normal: V3, weighted_pdf: F, path_ids: PathIds) {
@@ -198,7 +198,7 @@ impl ShadowRays {
         }
     }
 
-    /// Appends the survivors of a group: rays of length `tfar`, contribution, path, arriving ray and [`LightNumber`]. `key` and
+    /// Appends the survivors of a packet: rays of length `tfar`, contribution, path, arriving ray and [`LightNumber`]. `key` and
     /// `time` are those of [`RayBatch`].
     #[inline(always)]
     #[allow(clippy::too_many_arguments, reason = "a row's columns")]

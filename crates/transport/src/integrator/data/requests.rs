@@ -1,4 +1,4 @@
-//! Sample requests in groups of eight.
+//! Sample requests in packets of eight.
 
 use super::queues::PathIds;
 use crate::lanes::{F, Rows, U};
@@ -15,7 +15,7 @@ pub enum LightTarget {
 }
 
 /// Up to eight samples.
-pub struct RequestGroup {
+pub struct RequestPacket {
     /// Rows of the vertices.
     pub rows: Rows,
     /// Paths and sample indices.

@@ -81,7 +81,7 @@ pub struct ShadowPolicy {
 
 /// The BSDFs of eight points.
 #[derive(Debug, Clone, Copy)]
-pub enum BsdfGroup<'a> {
+pub enum BsdfPacket<'a> {
     /// Full BSDFs.
     Any([&'a Bsdf; LANES]),
     /// BSDFs of the core model, for scenes that need no others.
@@ -90,7 +90,7 @@ pub enum BsdfGroup<'a> {
 
 /// Up to eight vertices, input of [`Vertices::push`].
 #[derive(Debug, Clone, Copy)]
-pub struct VertexGroup<'a> {
+pub struct VertexPacket<'a> {
     /// World space.
     pub position: V3,
     /// Geometric normals on the front side, any length.
@@ -104,7 +104,7 @@ pub struct VertexGroup<'a> {
     /// Offsets of ray origins along the geometric normals, in metres.
     pub origin_offset: F,
     /// BSDFs at the points.
-    pub bsdfs: BsdfGroup<'a>,
+    pub bsdfs: BsdfPacket<'a>,
     /// Media on the side of `wo` and beyond; read if there are columns for them.
     pub media: [U; 2],
     /// Paths that they belong to.
@@ -149,32 +149,32 @@ impl Vertices {
         self.len = 0;
     }
 
-    /// Appends a group, of which the first `n` are valid. Normalises the normals and turns them to the side of `wo`.
+    /// Appends a packet, of which the first `n` are valid. Normalises the normals and turns them to the side of `wo`.
     #[inline(always)]
-    pub fn push(&mut self, n: usize, group: &VertexGroup) {
+    pub fn push(&mut self, n: usize, packet: &VertexPacket) {
         let at = self.len;
         self.len += n;
-        let wo = group.direction * F::splat(-1.0);
-        let (ng, ns) = shading_normal::facing(group.ng, group.ns, wo);
-        self.origin.store(at, group.position + ng * group.origin_offset);
+        let wo = packet.direction * F::splat(-1.0);
+        let (ng, ns) = shading_normal::facing(packet.ng, packet.ns, wo);
+        self.origin.store(at, packet.position + ng * packet.origin_offset);
         self.ng.store(at, ng);
         self.ns.store(at, ns);
         self.wo.store(at, wo);
-        self.beta.store(at, group.beta);
-        store(&mut self.origin_offset, at, group.origin_offset);
-        store_bits(&mut self.path, at, group.path_ids.path);
-        store_bits(&mut self.index, at, group.path_ids.index);
-        store_bits(&mut self.ray, at, group.ray);
-        store_bits(&mut self.seed, at, group.path_ids.seed);
-        match group.bsdfs {
-            BsdfGroup::Any(bsdfs) => Bsdf::store(&mut self.bsdf, at, bsdfs),
-            BsdfGroup::Core(cores) => Core::store(Bsdf::core_mut(&mut self.bsdf), at, cores),
+        self.beta.store(at, packet.beta);
+        store(&mut self.origin_offset, at, packet.origin_offset);
+        store_bits(&mut self.path, at, packet.path_ids.path);
+        store_bits(&mut self.index, at, packet.path_ids.index);
+        store_bits(&mut self.ray, at, packet.ray);
+        store_bits(&mut self.seed, at, packet.path_ids.seed);
+        match packet.bsdfs {
+            BsdfPacket::Any(bsdfs) => Bsdf::store(&mut self.bsdf, at, bsdfs),
+            BsdfPacket::Core(cores) => Core::store(Bsdf::core_mut(&mut self.bsdf), at, cores),
         }
         if let Some(columns) = &mut self.media {
-            columns.iter_mut().zip(group.media).for_each(|(column, medium)| store_bits(column, at, medium));
+            columns.iter_mut().zip(packet.media).for_each(|(column, medium)| store_bits(column, at, medium));
         }
         if !self.time.is_empty() {
-            store(&mut self.time, at, group.path_ids.time);
+            store(&mut self.time, at, packet.path_ids.time);
         }
     }
 

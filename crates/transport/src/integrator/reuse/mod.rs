@@ -1,14 +1,14 @@
 //! Path re-use (Bekaert, Sbert and Halton 2002, *Accelerating Path Tracing by Re-Using Paths*): first surfaces of several pixels
 //! share what their paths find at second surfaces.
 //!
-//! N BSDF samples of first surfaces form a group. Sample k leaves x_k with density p_k and finds y_k, from where its path goes on
+//! N BSDF samples of first surfaces form a pool. Sample k leaves x_k with density p_k and finds y_k, from where its path goes on
 //! and finds the outgoing radiance L_k, without what y_k emits. In area measure p_k(y) = p_k(x_k → y) cos θ_y / |x_k − y|², and
 //! zero where x_k does not see y. By the balance heuristic over the N techniques, each x_i estimates its indirect light from all
 //! of them:
 //!
 //! I_i = Σ_j f(x_i → y_j) cos θ_i (cos θ_y / |x_i − y_j|²) V(x_i, y_j) L_j(→ x_i) / Σ_k p_k(y_j) V(x_k, y_j)
 //!
-//! A fraction q of the samples of a group goes on from y (*sparse* re-use). Groups are drawn before anything is known of y; q
+//! A fraction q of the samples of a pool goes on from y (*sparse* re-use). Pools are drawn before anything is known of y; q
 //! depends on the pair (x, y), and the divisor has q_k p_k(y). A pair takes part where `pairs` says so; the light of all others
 //! stays with its own path.
 //!
@@ -17,9 +17,9 @@
 //! more of what another has found than of its own sample. Rough lobes of y are lent. What sharp lobes scatter stays with the
 //! own path: their densities differ without bound between two x.
 
-mod groups;
 mod lenders;
 mod pairs;
+mod pools;
 
 use std::ops::Range;
 
@@ -29,18 +29,18 @@ use super::data::context::WaveContext;
 use super::data::counts::WaveCounts;
 use super::data::path_states::NonFiniteSamples;
 use super::data::queues::{LightKind, PathRays, ShadowRays};
-use super::data::requests::RequestGroup;
+use super::data::requests::RequestPacket;
 use super::data::transport::Transport;
 use super::data::vertices::Vertices;
 use super::events::{
-    BorrowedLight, FoundEmission, LightSampleGroup, PassedWall, PathEvents, ScatteredGroup, UnoccludedLight,
+    BorrowedLight, FoundEmission, LightSamplePacket, PassedWall, PathEvents, ScatteredPacket, UnoccludedLight,
 };
 use super::stages::emission::weighted_light_pdf;
 use crate::lanes::{F, LANES, NUMBERS, Rows, U, grow, load_bits, store};
 use crate::rays::HitBatch;
-use groups::Groups;
 use lenders::{Find, FirstSample, LIGHT, Lender, NEXT, NONE, PUNCTUAL};
 use pairs::Pairs;
+use pools::Pools;
 
 /// What first surfaces lend each other; one per thread.
 #[derive(Debug, Default)]
@@ -53,7 +53,7 @@ pub struct Lending {
     first_paths: Vec<u32>,
     /// BSDF samples of first surfaces.
     samples: Vec<FirstSample>,
-    groups: Groups,
+    pools: Pools,
     /// By number of a ray behind those of the camera: the sample that it belongs to.
     sample_of: Vec<u32>,
     /// By number of a ray behind those of the camera: the lender that it belongs to, or [`NONE`].
@@ -90,7 +90,7 @@ impl Lending {
     fn begin(&mut self, at: &WaveContext) {
         self.active = at.transport.proposal.reuse.is_some();
         self.samples.clear();
-        self.groups.clear();
+        self.pools.clear();
         self.sample_of.clear();
         self.lender_of.clear();
         self.lenders.clear();
@@ -124,8 +124,8 @@ impl Lending {
         vertices.ended.clear();
         let Some(reuse) = at.transport.proposal.reuse.filter(|_| self.active && at.depth == 1) else { return };
         let (first, samples) = (&self.vertices[0].origin, &self.samples);
-        self.groups.form(reuse, |sample| first.get(samples[sample as usize].x as usize));
-        if self.groups.is_empty() {
+        self.pools.form(reuse, |sample| first.get(samples[sample as usize].x as usize));
+        if self.pools.is_empty() {
             return;
         }
         vertices.ended.resize(vertices.len(), false);
@@ -137,14 +137,14 @@ impl Lending {
                 let sample = &mut self.samples[self.sample_of[ray] as usize];
                 // Rays in rough directions pass no back faces.
                 let passed = rays.passed_wall.get(ray).is_some_and(|passed| *passed);
-                let Some((place, group)) = self.groups.place(self.sample_of[ray]) else { continue };
+                let Some((place, pool)) = self.pools.place(self.sample_of[ray]) else { continue };
                 if passed || !sample.rough {
                     continue;
                 }
                 let sharp = sharp >> lane & 1 == 1;
                 let distance2 =
                     vertices.origin.get(row).distance_squared(self.vertices[0].origin.get(sample.x as usize));
-                let goes_on = group.goes_on(F::splat(distance2), sharp).as_array()[0];
+                let goes_on = pool.goes_on(F::splat(distance2), sharp).as_array()[0];
                 clients.lends(at, vertices.ray[row], place.order < goes_on);
                 if place.order < goes_on {
                     sample.lender = self.lenders.len() as u32;
@@ -168,14 +168,20 @@ impl Lending {
     }
 
     /// Records the directions of first surfaces.
-    fn record_samples(&mut self, at: &WaveContext, vertices: &Vertices, group: &RequestGroup, found: &ScatteredGroup) {
-        let rows = &group.rows;
+    fn record_samples(
+        &mut self,
+        at: &WaveContext,
+        vertices: &Vertices,
+        packet: &RequestPacket,
+        found: &ScatteredPacket,
+    ) {
+        let rows = &packet.rows;
         let borrows = pairs::borrows(vertices, rows).to_bitmask();
         let rough = pairs::is_rough(at.transport, found.pdf[0], found.pdf[1]).to_bitmask();
-        let [octants, random, random2] = groups::keys(vertices, group).map(U::to_array);
-        let ids = &group.path_ids;
+        let [octants, random, random2] = pools::keys(vertices, packet).map(U::to_array);
+        let ids = &packet.path_ids;
         let (path, index) = (ids.path.to_array(), ids.index.to_array());
-        for lane in 0..group.len {
+        for lane in 0..packet.len {
             let x = match rows {
                 Rows::From(first) => (first + lane) as u32,
                 Rows::Each(rows) => rows[lane],
@@ -185,11 +191,11 @@ impl Lending {
                 let path = path[lane];
                 let pixel = at.pixel(path);
                 let (number, kind) = (path - self.first_paths[pixel], at.tasks[pixel].class << 3 | octants[lane]);
-                self.groups.add([kind, number, random[lane], random2[lane]], self.samples.len() as u32);
+                self.pools.add([kind, number, random[lane], random2[lane]], self.samples.len() as u32);
             }
             self.samples.push(FirstSample { x, path: path[lane], index: index[lane], lender: NONE, rough });
         }
-        let first = (self.samples.len() - group.len) as u32;
+        let first = (self.samples.len() - packet.len) as u32;
         let lanes = found.survivors.compress_bits(U::from(NUMBERS)).to_array();
         self.sample_of.extend(lanes[..found.survivors.len].iter().map(|lane| first + lane));
         self.lender_of.extend([NONE].iter().cycle().take(found.survivors.len));
@@ -207,18 +213,18 @@ impl Lending {
         if !self.active {
             return;
         }
-        let Self { vertices, samples, groups, lenders, finds, pairs, loans, watched, .. } = self;
+        let Self { vertices, samples, pools, lenders, finds, pairs, loans, watched, .. } = self;
         let weighted = |sum: Vec3, sample: &FirstSample| {
             vertices[0].beta.get(sample.x as usize) * sum / at.paths[sample.path as usize].samples_per_path[2]
         };
         pairs.begin(samples.len());
-        for (group, members) in groups.each() {
+        for (pool, members) in pools.each() {
             let is_lit = |lender: &u32| lenders.get(*lender as usize).is_some_and(Lender::is_lit);
             let lit = members.iter().map(|member| samples[*member as usize].lender).filter(is_lit);
             let watches = |sample: &&u32| watched.contains(&samples[**sample as usize].path);
             let borrowers: Vec<_> = members.iter().filter(watches).map(|sample| *sample as usize).collect();
             if borrowers.is_empty() {
-                pairs.push(group, members, lit);
+                pairs.push(pool, members, lit);
                 if pairs.is_full() {
                     pairs.evaluate(at.transport, vertices, samples, (lenders, finds), counts);
                 }
@@ -229,7 +235,7 @@ impl Lending {
             pairs.evaluate(at.transport, vertices, samples, (lenders, finds), counts);
             for own in members.iter().map(|member| &samples[*member as usize]).filter(|own| lit.contains(&own.lender)) {
                 let before: Vec<_> = borrowers.iter().map(|borrower| pairs.borrowed[*borrower]).collect();
-                pairs.push(group, members, [own.lender].into_iter());
+                pairs.push(pool, members, [own.lender].into_iter());
                 pairs.evaluate(at.transport, vertices, samples, (lenders, finds), counts);
                 for (borrower, before) in borrowers.iter().zip(before) {
                     let radiance = weighted(pairs.borrowed[*borrower] - before, &samples[*borrower]);
@@ -339,10 +345,10 @@ impl<E: PathEvents> PathEvents for PathLight<'_, E> {
         &mut self,
         at: &WaveContext,
         vertices: &Vertices,
-        group: &RequestGroup,
-        samples: &LightSampleGroup,
+        packet: &RequestPacket,
+        samples: &LightSamplePacket,
     ) {
-        self.clients.light_samples(at, vertices, group, samples);
+        self.clients.light_samples(at, vertices, packet, samples);
         let lending = &mut *self.lending;
         if lending.active && at.depth == 1 {
             grow(&mut lending.light_pdf, samples.first_row);
@@ -351,17 +357,17 @@ impl<E: PathEvents> PathEvents for PathLight<'_, E> {
     }
 
     #[inline]
-    fn scattered(&mut self, at: &WaveContext, vertices: &Vertices, group: &RequestGroup, samples: &ScatteredGroup) {
-        self.clients.scattered(at, vertices, group, samples);
+    fn scattered(&mut self, at: &WaveContext, vertices: &Vertices, packet: &RequestPacket, samples: &ScatteredPacket) {
+        self.clients.scattered(at, vertices, packet, samples);
         let lending = &mut *self.lending;
         if !lending.active {
             return;
         }
         if at.depth == 0 {
-            return lending.record_samples(at, vertices, group, samples);
+            return lending.record_samples(at, vertices, packet, samples);
         }
         let survivors = &samples.survivors;
-        let arrived = survivors.compress_bits(load_bits(&vertices.ray, &group.rows)).to_array();
+        let arrived = survivors.compress_bits(load_bits(&vertices.ray, &packet.rows)).to_array();
         let wi = survivors.compress_v3(samples.wi);
         for (lane, ray) in arrived[..survivors.len].iter().enumerate() {
             let lender = lending.lender_of[*ray as usize - at.paths.len()];

@@ -7,9 +7,9 @@ use crate::integrator::data::context::WaveContext;
 use crate::integrator::data::dimensions;
 use crate::integrator::data::path_states::NonFiniteSamples;
 use crate::integrator::data::queues::{PathIds, PathRays};
-use crate::integrator::data::requests::RequestGroup;
+use crate::integrator::data::requests::RequestPacket;
 use crate::integrator::data::vertices::Vertices;
-use crate::integrator::events::{PathEvents, ScatteredGroup};
+use crate::integrator::events::{PathEvents, ScatteredPacket};
 use crate::lanes::{F, LANES, Survivors, grow, mask, store, store_bits};
 use crate::sampling::{keys, samples};
 
@@ -36,48 +36,48 @@ pub fn sample<E: PathEvents>(
         grow(&mut next.light_probability, requests.count());
     }
     for first in (0..requests.count()).step_by(LANES) {
-        let group = requests.group(at.transport, vertices, at.paths, first);
-        let samples = sample_group(at, vertices, &group, non_finite, next);
-        events.scattered(at, vertices, &group, &samples);
+        let packet = requests.packet(at.transport, vertices, at.paths, first);
+        let samples = sample_packet(at, vertices, &packet, non_finite, next);
+        events.scattered(at, vertices, &packet, &samples);
     }
     next.close();
 }
 
-/// [`one_group`] with the BSDFs of the group's vertices.
+/// [`one_packet`] with the BSDFs of the packet's vertices.
 #[inline(never)]
-fn sample_group(
+fn sample_packet(
     at: &WaveContext,
     vertices: &Vertices,
-    group: &RequestGroup,
+    packet: &RequestPacket,
     non_finite: &mut NonFiniteSamples,
     next: &mut PathRays,
-) -> ScatteredGroup {
+) -> ScatteredPacket {
     match vertices.core() {
-        Some(columns) => one_group(at, vertices, &Core::load(columns, &group.rows), group, non_finite, next),
-        None => one_group(at, vertices, &vertices.bsdf(&group.rows), group, non_finite, next),
+        Some(columns) => one_packet(at, vertices, &Core::load(columns, &packet.rows), packet, non_finite, next),
+        None => one_packet(at, vertices, &vertices.bsdf(&packet.rows), packet, non_finite, next),
     }
 }
 
 #[inline(never)]
-fn one_group(
+fn one_packet(
     at: &WaveContext,
     vertices: &Vertices,
     bsdf: &impl Lobe,
-    group: &RequestGroup,
+    packet: &RequestPacket,
     non_finite: &mut NonFiniteSamples,
     next: &mut PathRays,
-) -> ScatteredGroup {
+) -> ScatteredPacket {
     let WaveContext { transport, depth, .. } = *at;
-    let (rows, id) = (&group.rows, &group.path_ids);
+    let (rows, id) = (&packet.rows, &packet.path_ids);
     let [lobe, u, v, survive] = samples(id.seed, id.index, dimensions::bsdf(depth));
     let transmits = bsdf.transmits();
     let (ns, wo) = (vertices.ns.load(rows), vertices.wo.load(rows));
     let mixture = Mixture::at(transport, vertices, rows);
     let MixtureSample { sample, pdfs } = mixture::sample(mixture.as_ref(), bsdf, ns, wo, [lobe, u, v]);
-    let weighted_pdf = group.samples_per_path[2] * sample.pdf;
+    let weighted_pdf = packet.samples_per_path[2] * sample.pdf;
     let spawned = vertices.spawn_rays(rows, transmits, sample.wi);
     let mut beta = vertices.beta.load(rows) * sample.value * (F::ONE / weighted_pdf);
-    let valid = mask(group.len) & sample.pdf.simd_gt(F::ZERO) & spawned.allowed;
+    let valid = mask(packet.len) & sample.pdf.simd_gt(F::ZERO) & spawned.allowed;
     let finite = beta.is_finite();
     non_finite.add_lanes((valid & !finite).to_bitmask(), id.path);
     let (mut alive, mut ended) = (valid & beta.max_element().simd_gt(F::ZERO) & finite, F::ZERO);
@@ -110,5 +110,5 @@ fn one_group(
     next.push(survivors.len, ray, key, beta, normal, survivors.compress(weighted_pdf), path_ids);
     let roulette = [roulette.map_or(F::ONE, |[light, _]| light), keep.unwrap_or(F::ONE)];
     let pdf = [sample.pdf, pdfs[0], pdfs[1]];
-    ScatteredGroup { survivors, first_ray, wi: sample.wi, pdf, roulette, ended }
+    ScatteredPacket { survivors, first_ray, wi: sample.wi, pdf, roulette, ended }
 }

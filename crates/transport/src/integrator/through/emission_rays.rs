@@ -3,7 +3,7 @@
 //! Where the silhouette of a light crosses a pixel, whether a camera ray meets the light or not is most of a path's variance. A
 //! camera ray that ends there costs a fraction of a path. So in such pixels the emission that a path sees directly is the mean
 //! over several camera rays of their own (splitting), and its own camera ray finds all other light only. Means do not change;
-//! statistics of paths, AOVs and light groups include the mean as the path's emission.
+//! statistics of paths, AOVs and light layers include the mean as the path's emission.
 
 use glam::Vec3;
 

@@ -5,10 +5,10 @@ use wide::bytemuck::cast;
 use crate::integrator::data::context::WaveContext;
 use crate::integrator::data::history::{Bounce, MIRROR_PDF, RayHistory, is_tracked};
 use crate::integrator::data::queues::PathRays;
-use crate::integrator::data::requests::RequestGroup;
+use crate::integrator::data::requests::RequestPacket;
 use crate::integrator::data::transport::Transport;
 use crate::integrator::data::vertices::Vertices;
-use crate::integrator::events::{PathEvents, ScatteredGroup};
+use crate::integrator::events::{PathEvents, ScatteredPacket};
 use crate::lanes::{F, grow, load_bits};
 
 /// The histories of all rays of a wave; one per thread. A client of the wave.
@@ -52,11 +52,11 @@ impl PathEvents for Histories {
         }
     }
 
-    fn scattered(&mut self, at: &WaveContext, vertices: &Vertices, group: &RequestGroup, samples: &ScatteredGroup) {
+    fn scattered(&mut self, at: &WaveContext, vertices: &Vertices, packet: &RequestPacket, samples: &ScatteredPacket) {
         if self.by_ray.is_empty() {
             return;
         }
-        let (rows, survivors) = (&group.rows, &samples.survivors);
+        let (rows, survivors) = (&packet.rows, &samples.survivors);
         let (mut beyond, mut smooth) = (F::ZERO, F::ZERO);
         if at.transport.materials.has_smooth_bodies {
             beyond = vertices.ng.load(rows).dot(samples.wi).simd_lt(F::ZERO);

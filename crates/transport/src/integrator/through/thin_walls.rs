@@ -131,8 +131,8 @@ impl ThinWalls {
             }
             let mut passing = 0;
             for first in (0..self.walls.len()).step_by(LANES) {
-                let (group, n) = self.group(first);
-                let row = group.map(|hit| hit.row as usize);
+                let (packet, n) = self.packet(first);
+                let row = packet.map(|hit| hit.row as usize);
                 let points = row.map(|row| transport.point(&rays.rays, hits, row));
                 let passages = Passages::at(transport, &points, &row.map(|row| rays.rays.direction(row)), false);
                 let seed = U::from(row.map(|row| rays.seed[row]));
@@ -140,16 +140,16 @@ impl ThinWalls {
                 let (passes, factor) = passages.draw(numbers(seed, index, at.depth, wall));
                 let passes = passes.to_bitmask();
                 for lane in 0..n {
-                    let passes = group[lane].again || passes >> lane & 1 == 1;
-                    if !group[lane].again {
+                    let passes = packet[lane].again || passes >> lane & 1 == 1;
+                    if !packet[lane].again {
                         rays.beta.set(row[lane], rays.beta.get(row[lane]) * factor.lane(lane));
                     }
                     if passes {
-                        if !group[lane].again {
+                        if !packet[lane].again {
                             let (row, weight) = (row[lane], passages.weight.lane(lane));
                             passed(rays, &PassedWall { row, weight, t: hits.t[row] });
                         }
-                        self.walls[passing] = group[lane];
+                        self.walls[passing] = packet[lane];
                         passing += 1;
                         rays.passed_wall.iter_mut().skip(row[lane]).take(1).for_each(|passed| *passed = true);
                     }
@@ -236,13 +236,13 @@ impl ThinWalls {
     ) {
         let mut passing = 0;
         for first in (0..self.walls.len()).step_by(LANES) {
-            let (group, n) = self.group(first);
-            let row = group.map(|hit| hit.row as usize);
+            let (packet, n) = self.packet(first);
+            let row = packet.map(|hit| hit.row as usize);
             let points = row.map(|row| transport.point(rays, hits, row));
             let passages = Passages::at(transport, &points, &row.map(|row| rays.direction(row)), true);
             for lane in 0..n {
                 let row = row[lane];
-                if !group[lane].again {
+                if !packet[lane].again {
                     let before = light.get(row);
                     let after = before * passages.weight.lane(lane);
                     // A surface that lets no light straight through occludes.
@@ -267,7 +267,7 @@ impl ThinWalls {
                         self.segments[row] = Segment { medium, start: hits.t[row] };
                     }
                 }
-                self.walls[passing] = group[lane];
+                self.walls[passing] = packet[lane];
                 passing += 1;
             }
         }
@@ -303,7 +303,7 @@ impl ThinWalls {
     }
 
     /// Eight listed hits from `first` on, and how many of them are valid. Spare lanes repeat the first one.
-    fn group(&self, first: usize) -> ([WallHit; LANES], usize) {
+    fn packet(&self, first: usize) -> ([WallHit; LANES], usize) {
         let n = LANES.min(self.walls.len() - first);
         (eight(|lane| self.walls[first + if lane < n { lane } else { 0 }]), n)
     }
