@@ -8,7 +8,7 @@ use bismar::bsdf::{Bsdf, Lobe, Parameters};
 use bismar::color::luminance;
 use bismar::guiding::NO_CELL;
 use bismar::integrator::data::dimensions::{self, MAX_WALLS};
-use bismar::integrator::data::history::{Bounce, MIRROR_PDF, RayHistory};
+use bismar::integrator::data::history::{Bounces, MIRROR_PDF, RayHistory};
 use bismar::integrator::data::path_states::clamp_contribution;
 use bismar::integrator::data::requests::LightTarget;
 use bismar::integrator::data::task::PixelTask;
@@ -103,6 +103,14 @@ impl Vertex {
     fn is_smooth(&self) -> bool {
         let straight = self.bsdf.straight(V3::splat(self.ns), V3::splat(self.wo), F::ONE, true);
         straight.weight.lane(0).max_element() > 0.0
+    }
+
+    /// The history of a ray in this direction, which is sampled with these densities: of the mixture, of the BSDF.
+    fn history_after(&self, transport: &Transport, wi: Vec3, [pdf, bsdf_pdf]: [F; 2]) -> RayHistory {
+        let mask = |is_set: bool| if is_set { F::ZERO.simd_eq(F::ZERO) } else { F::ZERO };
+        let smooth = transport.materials.has_smooth_bodies && self.is_smooth();
+        let bounces = Bounces { pdf, bsdf_pdf, beyond: mask(self.ng.dot(wi) < 0.0), smooth: mask(smooth) };
+        RayHistory(RayHistory::after(U::splat(self.history.0), transport, &bounces).to_array()[0])
     }
 
     /// The normal for light selection: zero on surfaces that transmit.
@@ -486,15 +494,7 @@ impl<'a> Tracer<'a> {
             index,
             medium,
             light_probability: vertex.roulette.map_or(1.0, |[light, _]| light),
-            history: vertex.history.after(
-                self.transport,
-                &Bounce {
-                    pdf,
-                    bsdf_pdf: pdfs[0].as_array()[0],
-                    beyond: vertex.ng.dot(wi) < 0.0,
-                    smooth: self.transport.materials.has_smooth_bodies && vertex.is_smooth(),
-                },
-            ),
+            history: vertex.history_after(self.transport, wi, [sample.pdf, pdfs[0]]),
             time: vertex.time,
         };
         self.trace_ray(&ray, depth + 1, &[(index, LightTarget::Random)], &[index])

@@ -45,7 +45,7 @@ impl Wave {
         camera_rays::begin(transport, tasks, rays);
         let mut at = WaveContext { transport, tasks, paths, depth: 0 };
         let light = &mut PathLight { radiance, lending, clients };
-        (&mut *light, through.histories()).begin(&at);
+        light.begin(&at);
         while at.depth < transport.longest_path() && rays.len > 0 {
             light.rays(&at, rays);
             through.sized_lights(&at, rays, non_finite, light, counts);
@@ -57,15 +57,13 @@ impl Wave {
             emission::find(&at, sorted, rays, hits, found, non_finite, light);
             surfaces::vertices(transport, sorted, rays, hits, vertices);
             light.lend(&at, rays, vertices);
-            through.histories().mark(transport, vertices);
             mixture::find_cells(transport, vertices);
 
             requests.light_samples(transport, at.depth, vertices, paths, tasks);
             lights::sample(&at, vertices, requests, non_finite, shadows, light);
             requests.bsdf_samples(at.depth, vertices, paths);
             let next = (rays.next_number(), &mut *next_rays);
-            let events = &mut (&mut *light, through.histories());
-            scatter::sample(&at, vertices, requests, non_finite, next, events);
+            scatter::sample(&at, vertices, requests, non_finite, next, light);
             if shadows.len > 0 {
                 through.occlude(transport, shadows, counts);
                 light.shadow_rays(&at, shadows);

@@ -11,7 +11,7 @@ use crate::integrator::data::vertices::Vertices;
 use crate::integrator::events::{
     BorrowedLight, FoundEmission, LightSamplePacket, PathEvents, ScatteredPacket, UnoccludedLight,
 };
-use crate::lanes::{F, U, V3, grow, load_bits, store, store_bits};
+use crate::lanes::{F, U, V3, grow, store, store_bits};
 
 /// Reports contributions at first surfaces, and the radiance of paths, to an observer.
 pub struct Contributions<'a> {
@@ -25,10 +25,8 @@ pub struct Contributions<'a> {
 #[derive(Debug, Default)]
 pub struct ContributionColumns {
     light: LightColumns,
-    /// The sub-paths of all paths.
+    /// By BSDF sample at a first surface ([`PathRays::root`]), its sub-path; then what is borrowed.
     sub_paths: Vec<SubPath>,
-    /// By number of a ray behind those of the camera: index of the sub-path that it belongs to.
-    sub_path_of: Vec<u32>,
 }
 
 /// By row of shadow rays at first surfaces, except those of punctual lights: the terms of their contributions.
@@ -58,7 +56,6 @@ struct SubPath {
 impl PathEvents for Contributions<'_> {
     fn begin(&mut self, _at: &WaveContext) {
         self.columns.sub_paths.clear();
-        self.columns.sub_path_of.clear();
     }
 
     fn emission(&mut self, at: &WaveContext, rays: &PathRays, found: &FoundEmission) {
@@ -77,7 +74,7 @@ impl PathEvents for Contributions<'_> {
                 let contribution = Contribution { pixel: 0, technique, area, layer, index, r, w, radiance };
                 self.notify(at, rays.path[row], contribution);
             }
-            _ => self.columns.add_indirect(at, rays.first + found.ray, radiance),
+            _ => self.columns.add_indirect(rays.root[row], radiance),
         }
     }
 
@@ -108,29 +105,18 @@ impl PathEvents for Contributions<'_> {
         }
     }
 
-    fn scattered(&mut self, at: &WaveContext, vertices: &Vertices, packet: &RequestPacket, samples: &ScatteredPacket) {
-        let ScatteredPacket { survivors, .. } = samples;
-        let ContributionColumns { sub_paths, sub_path_of, .. } = &mut *self.columns;
+    fn scattered(&mut self, at: &WaveContext, _: &Vertices, packet: &RequestPacket, _: &ScatteredPacket) {
         if at.depth == 0 {
-            let path = survivors.compress_bits(packet.path_ids.path).to_array();
-            let index = survivors.compress_bits(packet.path_ids.index).to_array();
-            let first = sub_paths.len() as u32;
-            let new = (0..survivors.len).map(|i| SubPath { path: path[i], index: index[i], indirect: Vec3::ZERO });
-            sub_paths.extend(new);
-            sub_path_of.extend(first..sub_paths.len() as u32);
-        } else {
-            let arrived = survivors.compress_bits(load_bits(&vertices.ray, &packet.rows)).to_array();
-            let before = at.paths.len();
-            for ray in &arrived[..survivors.len] {
-                sub_path_of.push(sub_path_of[*ray as usize - before]);
-            }
+            let (path, index) = (packet.path_ids.path.to_array(), packet.path_ids.index.to_array());
+            let new = (0..packet.len).map(|i| SubPath { path: path[i], index: index[i], indirect: Vec3::ZERO });
+            self.columns.sub_paths.extend(new);
         }
     }
 
     fn unoccluded(&mut self, at: &WaveContext, shadows: &ShadowRays, found: &UnoccludedLight) {
         let UnoccludedLight { row, radiance, scale } = *found;
         if at.depth > 0 {
-            self.columns.add_indirect(at, shadows.ray[row], radiance);
+            self.columns.add_indirect(shadows.root[row], radiance);
         } else if shadows.kind(row) != LightKind::Punctual {
             let LightColumns { index, area, w, r } = &self.columns.light;
             if w[row] > 0.0 {
@@ -175,10 +161,9 @@ impl Contributions<'_> {
 }
 
 impl ContributionColumns {
-    /// Adds light that the ray of this number found to its sub-path.
-    fn add_indirect(&mut self, at: &WaveContext, ray: u32, radiance: Vec3) {
-        let sub_path = self.sub_path_of[ray as usize - at.paths.len()];
-        self.sub_paths[sub_path as usize].indirect += radiance;
+    /// Adds light that a ray with this root found to its sub-path.
+    fn add_indirect(&mut self, root: u32, radiance: Vec3) {
+        self.sub_paths[root as usize].indirect += radiance;
     }
 }
 

@@ -107,7 +107,7 @@ impl Ground<'_> {
                 let survivors = Survivors::of(mask(packet.len()) & valid & bright);
                 shadows.set_bodies(&survivors, U::MAX, U::ZERO);
                 let first = shadows.len;
-                shadows.push(&survivors, (point, wi), end, (key, time), radiance, [path, U::ZERO, U::ZERO]);
+                shadows.push(&survivors, (point, wi), end, (key, time), radiance, [path, U::ZERO, U::ZERO, U::ZERO]);
                 light.extend((first..shadows.len).map(|row| luminance(shadows.radiance.get(row))));
             };
             let context = LightSampleContext { scene: transport.scene, time, p: point, origin_error: F::ZERO, n: up };

@@ -16,6 +16,8 @@ pub enum LightTarget {
 
 /// Up to eight samples.
 pub struct RequestPacket {
+    /// Number of the first sample; the others follow.
+    pub first: usize,
     /// Rows of the vertices.
     pub rows: Rows,
     /// Paths and sample indices.

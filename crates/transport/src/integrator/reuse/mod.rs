@@ -36,7 +36,7 @@ use super::events::{
     BorrowedLight, FoundEmission, LightSamplePacket, PassedWall, PathEvents, ScatteredPacket, UnoccludedLight,
 };
 use super::stages::emission::weighted_light_pdf;
-use crate::lanes::{F, LANES, NUMBERS, Rows, U, grow, load_bits, store};
+use crate::lanes::{F, LANES, Rows, U, grow, store};
 use crate::rays::HitBatch;
 use lenders::{Find, FirstSample, LIGHT, Lender, NEXT, NONE, PUNCTUAL};
 use pairs::Pairs;
@@ -51,13 +51,9 @@ pub struct Lending {
     vertices: [Vertices; 2],
     /// By pixel, index of its first path.
     first_paths: Vec<u32>,
-    /// BSDF samples of first surfaces.
+    /// BSDF samples of first surfaces, by [`PathRays::root`].
     samples: Vec<FirstSample>,
     pools: Pools,
-    /// By number of a ray behind those of the camera: the sample that it belongs to.
-    sample_of: Vec<u32>,
-    /// By number of a ray behind those of the camera: the lender that it belongs to, or [`NONE`].
-    lender_of: Vec<u32>,
     /// By row of shadow rays at second surfaces, [`Find::light_pdf`]; without meaning for punctual lights.
     light_pdf: Vec<f32>,
     lenders: Vec<Lender>,
@@ -91,8 +87,6 @@ impl Lending {
         self.active = at.transport.proposal.reuse.is_some();
         self.samples.clear();
         self.pools.clear();
-        self.sample_of.clear();
-        self.lender_of.clear();
         self.lenders.clear();
         self.finds.clear();
         self.loans.clear();
@@ -103,17 +97,17 @@ impl Lending {
         }));
     }
 
-    /// The lender that a ray of this number belongs to.
+    /// The lender on the paths with this root.
     #[inline]
-    fn lender(&mut self, at: &WaveContext, ray: u32) -> Option<&mut Lender> {
-        self.lenders.get_mut(*self.lender_of.get((ray as usize).checked_sub(at.paths.len())?)? as usize)
+    fn lender(&mut self, root: u32) -> Option<&mut Lender> {
+        self.lenders.get_mut(self.samples.get(root as usize)?.lender as usize)
     }
 
-    /// Keeps what the lender of a ray has found at the end of a direction. False if the ray has none.
+    /// Keeps what the lender on the paths with this root has found at the end of a direction. False if there is none.
     #[inline]
-    fn find(&mut self, at: &WaveContext, ray: u32, direction: usize, (radiance, light_pdf): (Vec3, f32)) -> bool {
+    fn find(&mut self, root: u32, direction: usize, (radiance, light_pdf): (Vec3, f32)) -> bool {
         let number = self.finds.len() as u32;
-        let Some(lender) = self.lender(at, ray) else { return false };
+        let Some(lender) = self.lender(root) else { return false };
         let next = std::mem::replace(&mut lender.found, number);
         self.finds.push(Find { direction, radiance, light_pdf, next });
         true
@@ -133,11 +127,12 @@ impl Lending {
             let [lends, sharp] = pairs::lends(vertices, &Rows::From(at_row)).map(|mask| mask.to_bitmask());
             let rows = at_row..vertices.len().min(at_row + LANES);
             for (lane, row) in rows.enumerate().filter(|(lane, _)| lends >> lane & 1 == 1) {
-                let ray = (vertices.ray[row] - rays.first) as usize;
-                let sample = &mut self.samples[self.sample_of[ray] as usize];
+                let root = vertices.root[row];
+                let sample = &mut self.samples[root as usize];
                 // Rays in rough directions pass no back faces.
+                let ray = (vertices.ray[row] - rays.first) as usize;
                 let passed = rays.passed_wall.get(ray).is_some_and(|passed| *passed);
-                let Some((place, pool)) = self.pools.place(self.sample_of[ray]) else { continue };
+                let Some((place, pool)) = self.pools.place(root) else { continue };
                 if passed || !sample.rough {
                     continue;
                 }
@@ -148,7 +143,6 @@ impl Lending {
                 clients.lends(at, vertices.ray[row], place.order < goes_on);
                 if place.order < goes_on {
                     sample.lender = self.lenders.len() as u32;
-                    self.lender_of[ray] = sample.lender;
                     let beta = vertices.beta.get(row);
                     self.lenders.push(Lender::new(row as u32, beta, goes_on, sharp));
                     vertices.beta.set(row, Vec3::ONE);
@@ -195,10 +189,6 @@ impl Lending {
             }
             self.samples.push(FirstSample { x, path: path[lane], index: index[lane], lender: NONE, rough });
         }
-        let first = (self.samples.len() - packet.len) as u32;
-        let lanes = found.survivors.compress_bits(U::from(NUMBERS)).to_array();
-        self.sample_of.extend(lanes[..found.survivors.len].iter().map(|lane| first + lane));
-        self.lender_of.extend([NONE].iter().cycle().take(found.survivors.len));
     }
 
     /// Estimates the light that first surfaces borrow, and tells the clients.
@@ -324,14 +314,14 @@ impl<E: PathEvents> PathEvents for PathLight<'_, E> {
 
     #[inline]
     fn emission(&mut self, at: &WaveContext, rays: &PathRays, found: &FoundEmission) {
-        let ray = rays.first + found.ray;
+        let root = rays.root[found.ray as usize];
         if at.depth == 2 {
             let light_pdf = weighted_light_pdf(at, rays, found.ray as usize, found.pdf);
-            if self.lending.find(at, ray, NEXT, (found.radiance, light_pdf)) {
+            if self.lending.find(root, NEXT, (found.radiance, light_pdf)) {
                 return self.clients.lent(at, rays, found);
             }
         } else if at.depth > 2
-            && let Some(lender) = self.lending.lender(at, ray)
+            && let Some(lender) = self.lending.lender(root)
         {
             lender.beyond += found.radiance;
             return self.clients.lent(at, rays, found);
@@ -360,20 +350,13 @@ impl<E: PathEvents> PathEvents for PathLight<'_, E> {
     fn scattered(&mut self, at: &WaveContext, vertices: &Vertices, packet: &RequestPacket, samples: &ScatteredPacket) {
         self.clients.scattered(at, vertices, packet, samples);
         let lending = &mut *self.lending;
-        if !lending.active {
-            return;
-        }
-        if at.depth == 0 {
-            return lending.record_samples(at, vertices, packet, samples);
-        }
-        let survivors = &samples.survivors;
-        let arrived = survivors.compress_bits(load_bits(&vertices.ray, &packet.rows)).to_array();
-        let wi = survivors.compress_v3(samples.wi);
-        for (lane, ray) in arrived[..survivors.len].iter().enumerate() {
-            let lender = lending.lender_of[*ray as usize - at.paths.len()];
-            lending.lender_of.push(lender);
-            if let Some(lender) = lending.lenders.get_mut(lender as usize).filter(|_| at.depth == 1) {
-                lender.directions[NEXT] = wi.lane(lane);
+        if lending.active && at.depth == 0 {
+            lending.record_samples(at, vertices, packet, samples);
+        } else if lending.active && at.depth == 1 {
+            let survivors = &samples.survivors;
+            let (root, wi) = (survivors.compress_bits(packet.path_ids.root), survivors.compress_v3(samples.wi));
+            for (lane, root) in root.to_array()[..survivors.len].iter().enumerate() {
+                lending.lender(*root).into_iter().for_each(|lender| lender.directions[NEXT] = wi.lane(lane));
             }
         }
     }
@@ -385,21 +368,19 @@ impl<E: PathEvents> PathEvents for PathLight<'_, E> {
 
     #[inline]
     fn unoccluded(&mut self, at: &WaveContext, shadows: &ShadowRays, found: &UnoccludedLight) {
-        let (row, ray, lending) = (found.row, shadows.ray[found.row], &mut *self.lending);
+        let (row, root, lending) = (found.row, shadows.root[found.row], &mut *self.lending);
         if at.depth == 1 {
             let (direction, light_pdf) = match shadows.kind(row) {
                 LightKind::Punctual => (PUNCTUAL, 1.0),
                 _ => (LIGHT, lending.light_pdf.get(row).copied().unwrap_or(0.0)),
             };
-            if lending.find(at, ray, direction, (found.radiance, light_pdf)) {
-                lending
-                    .lender(at, ray)
-                    .into_iter()
-                    .for_each(|own| own.directions[direction] = shadows.rays.direction(row));
+            if lending.find(root, direction, (found.radiance, light_pdf)) {
+                let wi = shadows.rays.direction(row);
+                lending.lender(root).into_iter().for_each(|own| own.directions[direction] = wi);
                 return;
             }
         } else if at.depth > 1
-            && let Some(lender) = lending.lender(at, ray)
+            && let Some(lender) = lending.lender(root)
         {
             lender.beyond += found.radiance;
             return;

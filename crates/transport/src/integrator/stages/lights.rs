@@ -169,7 +169,7 @@ fn push_shadow_rays(
     let Found { light, bsdf_pdf, own_pdf, number, .. } = *found;
     let spawned = vertices.spawn_rays(rows, bsdf.transmits(), light.wi);
     let medium = vertices.media(rows, spawned.beyond);
-    let bodies = vertices.shadow_policy(rows, bsdf, bsdf_pdf, spawned.beyond);
+    let bodies = vertices.shadow_policy(transport, rows, bsdf, bsdf_pdf, spawned.beyond);
     let radiance = match bodies {
         Some(_) => found.radiance,
         None => media::attenuated(transport, found.radiance, medium, light.distance),
@@ -180,12 +180,12 @@ fn push_shadow_rays(
     non_finite.add_lanes((valid & !finite).to_bitmask(), id.path);
     let alive = valid & radiance.max_element().simd_gt(F::ZERO) & finite;
     let key = hashes(keys(id.seed, id.index, dimensions::light(depth)));
-    let (ray, ids) = ((spawned.origin, light.wi), [id.path, load_bits(&vertices.ray, rows), number]);
+    let (ray, ids) = ((spawned.origin, light.wi), [id.path, load_bits(&vertices.ray, rows), id.root, number]);
     let (survivors, first_row) = (Survivors::of(alive), shadows.len);
     if let Some(bodies) = bodies {
         shadows.set_bodies(&survivors, cast(bodies.passes), medium.unwrap_or(U::ZERO));
     }
-    shadows.set_backs(&survivors, vertices.passes_backs(rows, own_pdf));
+    shadows.set_backs(&survivors, vertices.passes_backs(transport, rows, own_pdf));
     shadows.push(&survivors, ray, light.end, (key, id.time), radiance, ids);
     (survivors, first_row, radiance)
 }

@@ -168,6 +168,7 @@ impl Requests {
             [probability * a_env, probability * a_area, a_b]
         };
         RequestPacket {
+            first: at,
             path_ids: PathIds { index: U::from(eight(|lane| request[lane].index)), ..vertices.path_ids(&rows) },
             target: U::from(eight(|lane| request[lane].target as u32)),
             len,
@@ -202,6 +203,7 @@ pub fn select_environment(transport: &Transport, target: U, choice: F) -> (F, F)
 pub fn one_per_vertex(transport: &Transport, vertices: &Vertices, at: usize) -> RequestPacket {
     let rows = Rows::From(at);
     RequestPacket {
+        first: at,
         path_ids: vertices.path_ids(&rows),
         target: U::splat(LightTarget::Random as u32),
         len: LANES.min(vertices.len() - at),

@@ -5,12 +5,13 @@ use super::requests::Requests;
 use crate::bsdf::{Core, Lobe, Parameters};
 use crate::integrator::data::context::WaveContext;
 use crate::integrator::data::dimensions;
+use crate::integrator::data::history::{Bounces, MIRROR_PDF, RayHistory};
 use crate::integrator::data::path_states::NonFiniteSamples;
 use crate::integrator::data::queues::{PathIds, PathRays};
 use crate::integrator::data::requests::RequestPacket;
 use crate::integrator::data::vertices::Vertices;
 use crate::integrator::events::{PathEvents, ScatteredPacket};
-use crate::lanes::{F, LANES, Survivors, grow, mask, store, store_bits};
+use crate::lanes::{F, LANES, NUMBERS, Survivors, U, grow, mask, store, store_bits};
 use crate::sampling::{keys, samples};
 
 /// Russian roulette begins after this many path segments.
@@ -98,7 +99,13 @@ fn one_packet(
         store(&mut next.light_probability, next.len, survivors.compress(light));
     }
     let (seed, time) = (survivors.compress_bits(id.seed), survivors.compress(id.time));
-    let path_ids = PathIds { path, index, seed, time };
+    let root = if depth == 0 { U::splat(packet.first as u32) + U::from(NUMBERS) } else { id.root };
+    let mut bounces = Bounces { pdf: sample.pdf, bsdf_pdf: pdfs[0], beyond: spawned.beyond, smooth: F::ZERO };
+    if transport.materials.has_smooth_bodies && (sample.pdf.simd_ge(F::splat(MIRROR_PDF)) | spawned.beyond).any() {
+        bounces.smooth = vertices.is_smooth_glass(rows, bsdf);
+    }
+    let history = survivors.compress_bits(RayHistory::after(id.history, transport, &bounces));
+    let path_ids = PathIds { path, index, seed, time, root: survivors.compress_bits(root), history };
     let ray = (survivors.compress_v3(spawned.origin), survivors.compress_v3(sample.wi));
     let key = survivors.compress_bits(keys(id.seed, id.index, dimensions::bsdf(depth)));
     let (beta, normal) =

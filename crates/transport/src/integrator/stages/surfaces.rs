@@ -5,7 +5,7 @@ use glam::Vec3;
 use super::eight_of;
 use crate::bsdf::Surface;
 use crate::integrator::data::dimensions;
-use crate::integrator::data::queues::{PathIds, PathRays, SortedHits};
+use crate::integrator::data::queues::{PathRays, SortedHits};
 use crate::integrator::data::transport::Transport;
 use crate::integrator::data::vertices::{BsdfPacket, VertexPacket, Vertices};
 use crate::integrator::surface::dispersion;
@@ -54,7 +54,7 @@ fn constant(transport: &Transport, list: &[u32], at: usize, rays: &PathRays, hit
             let hit = Primitive { instance: instance[lane], mesh: mesh[lane], prim: prim[lane] };
             (hit, points.position.lane(lane), points.ng.lane(lane), points.origin_offset.as_array()[lane])
         }),
-        path_ids: path_ids(rays, &rows),
+        path_ids: rays.path_ids(&rows),
         ray: numbers(rays, &rows),
     };
     vertices.push(n, &packet);
@@ -81,7 +81,7 @@ fn varying(transport: &Transport, list: &[u32], at: usize, rays: &PathRays, hits
         origin_offset: F::from(points.map(|p| p.origin_offset)),
         bsdfs,
         media,
-        path_ids: path_ids(rays, &rows),
+        path_ids: rays.path_ids(&rows),
         ray: numbers(rays, &rows),
     };
     let beta = rays.beta.load(&rows);
@@ -143,16 +143,6 @@ fn media(
         transport.media_at_hit(hit, media[lane], (direction.lane(lane), time[lane]), (position, ng, offset))
     });
     [0, 1].map(|side| U::from(eight(|lane| sides[lane][side])))
-}
-
-#[inline(always)]
-fn path_ids(rays: &PathRays, rows: &Rows) -> PathIds {
-    PathIds {
-        path: load_bits(&rays.path, rows),
-        index: load_bits(&rays.index, rows),
-        seed: load_bits(&rays.seed, rows),
-        time: rays.rays.times(rows),
-    }
 }
 
 /// Numbers in the wave of eight rays.

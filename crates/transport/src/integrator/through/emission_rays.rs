@@ -11,6 +11,7 @@ use super::passing::Passing;
 use crate::integrator::data::context::WaveContext;
 use crate::integrator::data::counts::{WaveCounts, timed};
 use crate::integrator::data::dimensions;
+use crate::integrator::data::history::RayHistory;
 use crate::integrator::data::path_states::NonFiniteSamples;
 use crate::integrator::data::queues::{PathIds, PathRays, SortedHits};
 use crate::integrator::events::{FoundEmission, PathEvents};
@@ -84,7 +85,7 @@ impl EmissionRays {
         let path = U::from(NUMBERS.map(|lane| first_path + (first + lane) / per_path));
         let (ray, time) = camera_ray(at.transport, [task.x, task.y], seed, index);
         let beta = V3::splat(Vec3::splat(1.0 / per_path as f32));
-        let path_ids = PathIds { path, index, seed, time };
+        let path_ids = PathIds { path, index, seed, time, root: U::ZERO, history: U::splat(RayHistory::CAMERA.0) };
         self.rays.push(n, ray, keys(seed, index, dimensions::CAMERA), beta, V3::ZERO, F::ZERO, path_ids);
         clip(at.transport, &mut self.rays, n);
     }

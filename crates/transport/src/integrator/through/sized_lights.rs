@@ -34,7 +34,6 @@ impl SizedLightHits {
         counts: &mut WaveCounts,
     ) {
         let Some(sized) = at.transport.lights.sized.as_ref().filter(|_| at.depth > 0) else { return };
-        passing.histories.fill(rays);
         self.list(at, sized, rays);
         if self.found.is_empty() {
             return;
@@ -107,7 +106,7 @@ impl SizedLightHits {
             shadows.set_backs(&survivors, U::from(backs));
             let ray = (rays.rays.origins(&rows), rays.rays.directions(&rows));
             let (key, ends) = (load_bits(&rays.rays.key, &rows), F::from(hits.map(|(_, hit)| hit.end)));
-            let ids = [load_bits(&rays.path, &rows), U::ZERO, U::splat(LightKind::Sized as u32)];
+            let ids = [load_bits(&rays.path, &rows), U::ZERO, U::ZERO, U::splat(LightKind::Sized as u32)];
             shadows.push(&survivors, ray, ends, (key, rays.rays.times(&rows)), radiance, ids);
         }
         shadows.close();
