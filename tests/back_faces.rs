@@ -6,7 +6,7 @@ use std::sync::Arc;
 use bismar::balance::Counts;
 use bismar::film::PixelStats;
 use bismar::integrator::clients::PixelSums;
-use bismar::integrator::{PixelTask, Wave, scalar};
+use bismar::integrator::{PixelTask, Wave};
 use bismar::rays::Backend;
 use bismar::render::{BackFaces, Balance, GlassShadows, RenderSettings, transport};
 use bismar::scene::build::{area_light, glass, lambert, look, metal};
@@ -16,6 +16,7 @@ use glam::{Affine3A, DVec3, Mat3, Quat, Vec3, Vec4};
 use crate::closed_forms::{BALANCES, BOTH, agrees, polygon_irradiance};
 use crate::helpers::stage::{Stage, add, closed_box, punctual, rectangle, set_in_motion, turning};
 use crate::helpers::statistics::{Mean, z_limit};
+use crate::oracle;
 
 const BACKENDS: [Backend; 2] = [Backend::Embree, Backend::Obvhs];
 
@@ -242,7 +243,7 @@ fn paths_through_back_faces_are_those_of_the_scalar_tracer() {
         let mut stats = vec![PixelStats::default(); tasks.len()];
         Wave::default().run(&transport, &tasks, &mut PixelSums::new(&mut stats));
         for (task, stats) in tasks.iter().zip(&stats) {
-            let scalar = scalar::trace(&transport, task, 0, &mut |_| ());
+            let scalar = oracle::trace(&transport, task, 0);
             let wave = Vec3::from(stats.sum.map(|x| x as f32));
             // Sums of at most 100 terms, in another order.
             assert!(

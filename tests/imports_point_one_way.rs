@@ -279,7 +279,7 @@ fn a_circle_is_found_through_re_exports_and_in_bodies() {
 /// Folders within a room, in order: each imports only what stands before it.
 const LAYERS: [(&str, &[&str]); 2] = [
     ("scene/import", &["source", "document", "build", "summary"]),
-    ("integrator", &["surface", "data", "events", "stages", "through", "clients", "reuse", "guides", "wave", "scalar"]),
+    ("integrator", &["surface", "data", "events", "stages", "through", "clients", "reuse", "guides", "wave"]),
 ];
 
 #[test]

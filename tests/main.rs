@@ -3,6 +3,7 @@
 
 mod glass;
 mod helpers;
+mod oracle;
 
 // Tests begin in the order of their names: the longest, which mostly waits, before all others.
 #[path = "slurm.rs"]

@@ -4,9 +4,9 @@ use bismar::balance::Counts;
 use bismar::film::{ExtraSums, PixelStats};
 use bismar::integrator::clients::{AovColumns, Aovs};
 use bismar::integrator::data::queues::{PathRays, ShadowRays};
-use bismar::integrator::data::requests::RequestGroup;
+use bismar::integrator::data::requests::RequestPacket;
 use bismar::integrator::data::vertices::Vertices;
-use bismar::integrator::events::{FoundEmission, LightSampleGroup, ScatteredGroup, UnoccludedLight};
+use bismar::integrator::events::{FoundEmission, LightSamplePacket, ScatteredPacket, UnoccludedLight};
 use bismar::integrator::{PathEvents, PixelSums, PixelTask, Wave, WaveContext};
 use bismar::rays::{Backend, HitBatch, MISS};
 use bismar::render::{RenderSettings, transport};
@@ -54,16 +54,16 @@ impl PathEvents for Ledger {
         self.radiance[rays.path[found.ray as usize] as usize] += found.radiance;
     }
 
-    fn light_samples(&mut self, _at: &WaveContext, _v: &Vertices, group: &RequestGroup, samples: &LightSampleGroup) {
-        self.light_samples += group.len;
+    fn light_samples(&mut self, _at: &WaveContext, _v: &Vertices, packet: &RequestPacket, samples: &LightSamplePacket) {
+        self.light_samples += packet.len;
         self.shadow_rays += samples.survivors.len;
     }
 
-    fn scattered(&mut self, at: &WaveContext, vertices: &Vertices, group: &RequestGroup, samples: &ScatteredGroup) {
+    fn scattered(&mut self, at: &WaveContext, vertices: &Vertices, packet: &RequestPacket, samples: &ScatteredPacket) {
         let survivors = &samples.survivors;
         let wi = survivors.compress_v3(samples.wi);
-        let path = survivors.compress_bits(group.path_ids.path).to_array();
-        let arrived = survivors.compress_bits(bismar::lanes::load_bits(&vertices.ray, &group.rows)).to_array();
+        let path = survivors.compress_bits(packet.path_ids.path).to_array();
+        let arrived = survivors.compress_bits(bismar::lanes::load_bits(&vertices.ray, &packet.rows)).to_array();
         for lane in 0..survivors.len {
             assert_eq!(self.path_of[arrived[lane] as usize], path[lane]);
             assert_eq!(at.depth == 0, (arrived[lane] as usize) < at.paths.len());
@@ -107,7 +107,7 @@ fn events_are_all_that_a_wave_adds_and_clients_do_not_see_each_other() {
         let before = wave.counts.shadow_rays;
         let mut columns = AovColumns::default();
         let aovs =
-            Aovs { sums: &mut [], extras: &mut extras, groups: &mut lights, indirect: &mut [], columns: &mut columns };
+            Aovs { sums: &mut [], extras: &mut extras, layers: &mut lights, indirect: &mut [], columns: &mut columns };
         let absent = None::<Ledger>;
         wave.run(&transport, &tasks, &mut (PixelSums::new(&mut stats), Some(aovs), (&mut ledger, absent)));
         assert_eq!(wave.counts.shadow_rays - before, shadow_rays);

@@ -93,7 +93,7 @@ impl Need<'_> {
         let [process, pictures, network] = DENOISER_BYTES;
         let denoiser = match self.denoises {
             true => {
-                let layers = settings.columns().groups as u64 * size_of::<[f32; 3]>() as u64;
+                let layers = settings.columns().layers as u64 * size_of::<[f32; 3]>() as u64;
                 process + pixels * (pictures + layers) + pixels.min(DENOISER_TILE_PIXELS) * network
             }
             false => 0,

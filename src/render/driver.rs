@@ -126,7 +126,7 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
     settings.validate(&scene.scene)?;
     study.validate(settings)?;
     lens(scene, settings)?;
-    let groups = settings.light_groups.as_ref().map_or(Ok(None), |groups| groups.table(scene))?;
+    let layers = settings.light_groups.as_ref().map_or(Ok(None), |groups| groups.table(scene))?;
     let start = Instant::now();
     let most = from.as_ref().map_or(0, |saved| paths_range(&saved.tiles).1);
     let goal = settings.noise_goal();
@@ -134,7 +134,7 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
     let fewest = from.as_ref().and_then(begins).unwrap_or(0);
     let unfinished = scheduler::planned(settings, fewest).is_some();
     let prepasses = if unfinished { Prepasses::run(scene, settings, stop) } else { Prepasses::default() };
-    let transport = Transport { groups, ..prepasses.apply(transport(scene, settings)) };
+    let transport = Transport { layers, ..prepasses.apply(transport(scene, settings)) };
     // Made after the pre-passes, so that the memory of both is not taken at once.
     let fresh = || Saved { tiles: study_tiles(settings, &study), stats: RenderStats::default(), goals: Vec::new() };
     let Saved { tiles, stats, mut goals } = from.unwrap_or_else(fresh);

@@ -8,7 +8,7 @@ use glob::Pattern;
 use serde::{Deserialize, Serialize};
 
 use crate::integrator::PreparedScene;
-use crate::integrator::data::light_groups::{LightGroupTable, MAX_GROUPS};
+use crate::integrator::data::light_layers::{LightLayerTable, MAX_LAYERS};
 use crate::{Error, Result};
 
 /// The group of lights that no other group has.
@@ -29,7 +29,7 @@ const MAX_TEXT: usize = 4096;
 #[serde(try_from = "String", into = "String")]
 pub struct LightGroups {
     text: String,
-    /// In the order of the text, and [`REST`]; or those of [`LightKind::group`].
+    /// In the order of the text, and [`REST`]; or those of [`LightKind::layer`].
     names: Vec<String>,
     /// The numbers of groups with their patterns.
     patterns: Vec<(usize, Pattern)>,
@@ -64,8 +64,8 @@ impl FromStr for LightGroups {
                 patterns.push((group, pattern));
             }
         }
-        if names.len() >= MAX_GROUPS {
-            return Err(format!("{} groups: at most {}", names.len(), MAX_GROUPS - 1));
+        if names.len() >= MAX_LAYERS {
+            return Err(format!("{} groups: at most {}", names.len(), MAX_LAYERS - 1));
         }
         names.push(REST.into());
         Ok(Self { text: text.into(), names, patterns })
@@ -102,13 +102,13 @@ impl LightGroups {
     ///
     /// # Errors
     /// [`Error::Usage`] for groups that overlap and for a group without a light.
-    pub fn table(&self, scene: &PreparedScene) -> Result<Option<Arc<LightGroupTable>>> {
+    pub fn table(&self, scene: &PreparedScene) -> Result<Option<Arc<LightLayerTable>>> {
         if self.text == KINDS {
             return Ok(None);
         }
         let PreparedScene { scene, lights, .. } = scene;
         let mut finder = Finder { groups: self, is_used: vec![false; self.names.len()], seen: BTreeSet::new() };
-        let mut table = LightGroupTable::default();
+        let mut table = LightLayerTable::default();
         if scene.environment.is_some() {
             table.environment = finder.find(&[ENVIRONMENT], None)?;
         }

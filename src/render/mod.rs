@@ -45,7 +45,7 @@ pub use part::Part;
 pub use pixels::TilePixels;
 pub use progress::Progress;
 pub use rendered::{Rendered, Samples, fresh_tiles, noise, tile_positions};
-pub use replay::replay;
+pub use replay::{Replayed, replay};
 pub use settings::{
     BackFaces, Balance, CustomMethod, GlassShadows, Ground, Integrator, PixelFilter, RenderSettings, StudyOptions,
 };

@@ -64,8 +64,8 @@ impl Pixels for TilePixels<'_> {
         self.settings.light_groups.as_ref().map_or(&[][..], LightGroups::names)
     }
 
-    fn light(&self, x: u32, y: u32, group: usize) -> [f32; 3] {
-        let of = |(tile, i): (&Tile, usize)| tile.groups.get(i * self.light_groups().len() + group).copied();
+    fn light(&self, x: u32, y: u32, layer: usize) -> [f32; 3] {
+        let of = |(tile, i): (&Tile, usize)| tile.layers.get(i * self.light_groups().len() + layer).copied();
         self.locate(x, y).and_then(of).unwrap_or_default()
     }
 

@@ -63,7 +63,7 @@ struct Pilot {
     counts: Option<Counts>,
     contributions: Vec<Contribution>,
     paths: Vec<Vec3>,
-    /// By pixel and then by group of lights, what its BSDF samples found by way of further surfaces.
+    /// By pixel and then by layer of lights, what its BSDF samples found by way of further surfaces.
     indirect: Vec<[f32; 3]>,
 }
 
@@ -188,7 +188,7 @@ impl Sampler for TileSampler<'_> {
             None => [p.light, 0, p.bsdf],
         };
         let first: Vec<_> = self.tile.pixels.iter().map(first).collect();
-        tracer.indirect.resize(self.tile.groups.len(), [0.0; 3]);
+        tracer.indirect.resize(self.tile.layers.len(), [0.0; 3]);
         let (width, apart) = (self.tile.width(), self.goal.is_some());
         let class = |i| if apart { group_of(i, width) } else { i % width % 2 };
         tracer.trace(self.tile, self.transport, (&all, &all), &class, Some(pilot), self.watch);
@@ -234,7 +234,7 @@ impl Tracer {
     ) {
         let Self { wave, tasks, aovs, contributions, ground, blocks, indirect } = self;
         let shares = transport.proposal.reuse.is_some();
-        let count = tile.groups.len() / tile.pixels().max(1);
+        let count = tile.layers.len() / tile.pixels().max(1);
         for Part { pixels: range, paths: [from, to] } in parts(counts, shares) {
             let std::ops::Range { start, end } = range;
             tasks.clear();
@@ -261,10 +261,10 @@ impl Tracer {
             let pixels = PixelSums { stats: &mut tile.stats[start..end], peaks: &mut tile.peaks[start..end] };
             let sums = tile.aovs.get_mut(start..end).unwrap_or_default();
             let extras = tile.extras.get_mut(start..end).unwrap_or_default();
-            let groups = tile.groups.get_mut(start * count..end * count).unwrap_or_default();
+            let layers = tile.layers.get_mut(start * count..end * count).unwrap_or_default();
             let indirect = indirect.get_mut(start * count..end * count).unwrap_or_default();
-            let wanted = !(sums.is_empty() && extras.is_empty() && groups.is_empty());
-            let aovs = wanted.then_some(Aovs { sums, extras, groups, indirect, columns: &mut *aovs });
+            let wanted = !(sums.is_empty() && extras.is_empty() && layers.is_empty());
+            let aovs = wanted.then_some(Aovs { sums, extras, layers, indirect, columns: &mut *aovs });
             let contributions = observer
                 .as_mut()
                 .map(|observer| Contributions { observer: &mut **observer, columns: &mut *contributions });
@@ -314,14 +314,14 @@ fn reweight(tile: &mut Tile, pilot: &Pilot, total: &[Counts]) {
     let Some(counts) = pilot.counts else { return };
     // Samples per path, over those of the pilot.
     let rates: Vec<_> = total.iter().map(|total| total.relative_to(counts)).collect();
-    let (n, count) = (counts.paths as usize, tile.groups.len() / tile.stats.len());
+    let (n, count) = (counts.paths as usize, tile.layers.len() / tile.stats.len());
     let mut changes = vec![Vec3::ZERO; pilot.paths.len()];
     for found in &pilot.contributions {
         let pixel = found.pixel as usize;
         let change = found.reweighted(rates[pixel]) - found.radiance;
         changes[pixel * n + found.path(counts.paths) as usize] += change;
         if found.technique != Technique::Indirect
-            && let Some(sum) = tile.groups.get_mut(pixel * count + usize::from(found.group))
+            && let Some(sum) = tile.layers.get_mut(pixel * count + usize::from(found.layer))
         {
             accumulate(sum, change.into());
         }
@@ -332,7 +332,7 @@ fn reweight(tile: &mut Tile, pilot: &Pilot, total: &[Counts]) {
             }
         }
     }
-    for (i, (sum, indirect)) in tile.groups.iter_mut().zip(&pilot.indirect).enumerate() {
+    for (i, (sum, indirect)) in tile.layers.iter_mut().zip(&pilot.indirect).enumerate() {
         // No light sample finds it.
         let [.., ratio] = rates[i / count];
         accumulate(sum, indirect.map(|x| x * (1.0 / ratio - 1.0)));
@@ -357,13 +357,13 @@ mod tests {
     #[test]
     fn a_pilot_weighed_again_has_the_sums_of_paths_that_were_weighed_so_at_once() {
         let mut tile =
-            Tile::new([0, 0], 2, 1, Columns { moments: false, aovs: true, extras: false, ground: false, groups: 0 });
+            Tile::new([0, 0], 2, 1, Columns { moments: false, aovs: true, extras: false, ground: false, layers: 0 });
         let mut pilot = Pilot { counts: Some(Counts::half(2)), ..Default::default() };
         let contribution = |pixel, technique, index, r, y| Contribution {
             pixel,
             technique,
             area: false,
-            group: 0,
+            layer: 0,
             index,
             r,
             w: 0.0,

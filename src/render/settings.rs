@@ -293,7 +293,7 @@ impl RenderSettings {
             aovs: self.aovs,
             extras: self.extras,
             ground: self.catches_shadows(),
-            groups: self.light_groups.as_ref().map_or(0, |groups| groups.names().len()),
+            layers: self.light_groups.as_ref().map_or(0, |groups| groups.names().len()),
         }
     }
 

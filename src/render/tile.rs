@@ -38,8 +38,8 @@ pub struct Tile {
     pub ground: Vec<GroundSums>,
     /// What the variance of the picture's mean follows from.
     pub(super) blocks: BlockSums,
-    /// By pixel and then by group, light of the groups that are asked for; empty without them.
-    pub groups: Vec<[f32; 3]>,
+    /// By pixel and then by layer, light of the layers that are asked for; empty without them.
+    pub layers: Vec<[f32; 3]>,
 }
 
 /// Which columns tiles have besides the statistics.
@@ -53,8 +53,8 @@ pub struct Columns {
     pub extras: bool,
     /// [`Tile::ground`].
     pub ground: bool,
-    /// Number of groups of lights.
-    pub groups: usize,
+    /// Number of light layers.
+    pub layers: usize,
 }
 
 #[derive(Debug, Serialize, Deserialize)]
@@ -106,7 +106,7 @@ impl Tile {
             peaks: vec![Peak::default(); n],
             ground: vec![GroundSums::default(); if columns.ground { n } else { 0 }],
             blocks: BlockSums::default(),
-            groups: vec![[0.0; 3]; n * columns.groups],
+            layers: vec![[0.0; 3]; n * columns.layers],
         }
     }
 
@@ -144,7 +144,7 @@ impl Tile {
         self.stats.iter_mut().zip(&other.stats).for_each(|(own, more)| own.join(more));
         self.aovs.iter_mut().zip(&other.aovs).for_each(|(own, more)| own.join(more));
         self.extras.iter_mut().zip(&other.extras).for_each(|(own, more)| own.join(more));
-        self.groups.iter_mut().zip(&other.groups).for_each(|(own, more)| accumulate(own, *more));
+        self.layers.iter_mut().zip(&other.layers).for_each(|(own, more)| accumulate(own, *more));
         self.ground.iter_mut().zip(&other.ground).for_each(|(own, more)| own.join(more));
         self.peaks.iter_mut().zip(&other.peaks).for_each(|(own, more)| own.add(more.luminance, more.path));
         self.blocks.join(&other.blocks);
@@ -163,7 +163,7 @@ impl Tile {
             + column(columns.aovs, size_of::<AovSums>())
             + column(columns.extras, size_of::<ExtraSums>())
             + column(columns.ground, size_of::<GroundSums>())
-            + columns.groups * size_of::<[f32; 3]>();
+            + columns.layers * size_of::<[f32; 3]>();
         (pixels as f64 * per_pixel as f64 * OVERHEAD) as u64
     }
 
@@ -225,7 +225,7 @@ impl Tile {
                 t.extras.len(),
                 t.peaks.len(),
                 t.ground.len(),
-                t.groups.len(),
+                t.layers.len(),
             ]
         };
         sizes(self) == sizes(other) && self.pixels.iter().zip(&other.pixels).all(same) && self.tile_stats().is_whole()

@@ -5,7 +5,7 @@ use super::{BackFaces, GlassShadows, Integrator, RenderSettings, scheduler};
 use crate::integrator::{PreparedScene, Proposal, Transport};
 use crate::sampling::{FilterSampler, hash};
 
-/// The transport of a render with these settings, without what pre-passes learn and without groups of lights by name. A lens that
+/// The transport of a render with these settings, without what pre-passes learn and without layers of lights by name. A lens that
 /// cannot be made ([`lens`]) is a pinhole here.
 pub fn transport<'a>(scene: &'a PreparedScene, settings: &RenderSettings) -> Transport<'a> {
     Transport {
@@ -28,7 +28,7 @@ pub fn transport<'a>(scene: &'a PreparedScene, settings: &RenderSettings) -> Tra
         culls_back_faces: settings.back_faces == BackFaces::Cull,
         ground: settings.catches_shadows().then(|| scene.scene.lowest()).flatten(),
         straight_glass_shadows: settings.glass_shadows == GlassShadows::Straight,
-        groups: None,
+        layers: None,
         proposal: Proposal::new(&scene.lights),
     }
 }

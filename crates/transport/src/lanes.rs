@@ -21,7 +21,7 @@ pub struct V3 {
     pub z: F,
 }
 
-/// A column of vectors as three columns of components, padded so that whole groups of lanes can be read and written.
+/// A column of vectors as three columns of components, padded so that whole packets of lanes can be read and written.
 #[derive(Debug, Default, Clone)]
 pub struct V3Column {
     columns: [Vec<f32>; 3],

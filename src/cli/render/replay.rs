@@ -37,7 +37,7 @@ pub fn run(request: &RenderRequest, pixel_path: PixelPath) -> Result<Verdict> {
         if !replayed.borrowed.is_empty() {
             text += "\n  of that, borrowed (path re-use):";
         }
-        for Loan { from: [x, y, path], radiance } in &replayed.borrowed {
+        for Loan { from: [x, y, path], radiance, .. } in &replayed.borrowed {
             text += &format!("\n    {radiance} from pixel {x},{y} path {path}");
         }
         for event in &replayed.events {

@@ -2,7 +2,7 @@ use super::*;
 use crate::render::tile::Columns;
 use crate::render::{Balance, Ground};
 
-const BOTH: Columns = Columns { moments: true, aovs: true, extras: true, ground: true, groups: 2 };
+const BOTH: Columns = Columns { moments: true, aovs: true, extras: true, ground: true, layers: 2 };
 
 #[test]
 fn tiles_come_back_and_anything_else_does_not() {

@@ -143,7 +143,7 @@ fn errors(transport: &Transport, settings: &RenderSettings, position: [u32; 2], 
         let seed = hash(settings.seed ^ hash(0x7265_7573 + number));
         let transport =
             Transport { seed, proposal: Proposal { reuse: way, ..transport.proposal }, ..transport.clone() };
-        let mut tile = Tile::new(position, width, height, Columns { groups: 0, ..settings.columns() });
+        let mut tile = Tile::new(position, width, height, Columns { layers: 0, ..settings.columns() });
         let cost = effort::cost(&tile.pass(&transport, settings, PATHS).counts);
         (tile.stats.iter().map(|stats| stats.mean()).collect::<Vec<_>>(), cost)
     };

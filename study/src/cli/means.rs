@@ -14,7 +14,7 @@ use crate::means::{Design, Results, Row, Subject, measure, page};
 /// Test on random scenes that every technique, balance and stop rule has the same mean.
 ///
 /// Each scene is rendered by the plain command, its balance alone, each technique alone, all of them, another balance, with objects
-/// in another order, and in one more way (--noise, parts, groups of lights, the scalar integrator), and compared with --balance half:
+/// in another order, and in one more way (--noise, parts, groups of lights), and compared with --balance half:
 /// the whole picture, and blocks of 8 x 8 pixels. What differs is rendered again with other seeds and, if it differs again, with
 /// ever fewer features; a command for the smallest scene is printed. In every run, pictures from which light was taken verify the
 /// tests. The exit code is 1 if a mean is wrong, or if a run of 20 scenes or more does not notice that light was taken. Writes

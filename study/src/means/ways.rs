@@ -5,9 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use bismar::Result;
 use bismar::balance::Balance;
-use bismar::color::luminance;
-use bismar::film::PixelStats;
-use bismar::integrator::{PixelTask, PreparedScene, reuse, scalar};
+use bismar::integrator::{PreparedScene, reuse};
 use bismar::rays::Backend;
 use bismar::render::{
     Choice, Choices, LightGroups, Part, RenderSettings, Rendered, Technique, render, tile_positions, transport,
@@ -37,8 +35,6 @@ enum Means {
     Parts,
     /// The sum of the groups of lights.
     Groups,
-    /// Path by path.
-    Scalar,
     /// Objects and triangles in the opposite order, with a twin of a body within it, by the other ray library.
     Reversed,
 }
@@ -97,13 +93,7 @@ impl Way {
                 Means::Whole,
             ),
             3 => with("parts", &|_| (), Means::Parts),
-            4 => with("light groups", &|settings| settings.light_groups = Some(LightGroups::kinds()), Means::Groups),
-            _ => {
-                let fewer = |settings: &RenderSettings| settings.spp.map(|spp| spp.div_ceil(4));
-                let scalar = of("half", Balance::Half, only(None));
-                let settings = RenderSettings { spp: fewer(&scalar.settings), ..scalar.settings };
-                Self { name: "scalar integrator".into(), settings, means: Means::Scalar }
-            }
+            _ => with("light groups", &|settings| settings.light_groups = Some(LightGroups::kinds()), Means::Groups),
         };
         ways.push(more);
         let others = Balance::all().iter().filter(|own| ![Balance::Half, plain.balance].contains(own));
@@ -163,27 +153,10 @@ impl Stage {
                     picture.add(&of(&self.scene, &RenderSettings { part, ..settings.clone() })?, false);
                 }
             }
-            (Means::Scalar, _) => self.scalar(&settings, &mut picture),
             (Means::Reversed, Some(reversed)) => picture.add(&of(reversed, &settings)?, false),
             (means, _) => picture.add(&of(&self.scene, &settings)?, means == Means::Groups),
         }
         Ok(picture)
-    }
-
-    /// The picture of the scalar integrator.
-    fn scalar(&self, settings: &RenderSettings, picture: &mut Picture) {
-        let transport = transport(&self.scene, settings);
-        let paths = settings.spp.unwrap_or(1);
-        for (x, y) in (0..SIZE[1]).flat_map(|y| (0..SIZE[0]).map(move |x| (x, y))) {
-            let task = PixelTask::first([x, y], transport.half(paths), 0);
-            let (mut stats, mut peak) = (PixelStats::default(), 0.0f32);
-            for path in 0..paths {
-                let radiance = scalar::trace(&transport, &task, path, &mut |_| ());
-                stats.add(radiance, true);
-                peak = peak.max(luminance(radiance));
-            }
-            picture.pixel([x, y], stats.sum, paths, peak);
-        }
     }
 }
 
@@ -215,11 +188,11 @@ impl Picture {
     fn add(&mut self, rendered: &Rendered, by_groups: bool) {
         debug_assert_eq!(rendered.tiles.len(), tile_positions(&rendered.settings).len());
         for tile in &rendered.tiles {
-            let groups = tile.groups.len() / tile.pixels();
+            let layers = tile.layers.len() / tile.pixels();
             for (x, y, i) in tile.inside([0, 0, SIZE[0], SIZE[1]]) {
                 let (stats, mut sum) = (&tile.stats[i], tile.stats[i].sum);
                 if by_groups {
-                    let of = |c: usize| tile.groups[groups * i..][..groups].iter().map(|own| f64::from(own[c])).sum();
+                    let of = |c: usize| tile.layers[layers * i..][..layers].iter().map(|own| f64::from(own[c])).sum();
                     sum = [0, 1, 2].map(of);
                 }
                 self.pixel([x, y], sum, stats.samples, tile.peaks[i].luminance);

@@ -45,7 +45,7 @@ fn share(balance: Balance, samples: &[(f32, f32)], others: &[(f32, f32)]) -> f32
                 pixel,
                 technique,
                 area: false,
-                group: 0,
+                layer: 0,
                 index: i as u32 / 2,
                 r,
                 w: 0.0,

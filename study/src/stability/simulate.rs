@@ -210,7 +210,7 @@ impl Exact<'_> {
                 let technique = if by_light { Technique::Light } else { Technique::Bsdf };
                 let (r, radiance) = (atom.r() as f32, Vec3::from_array(z.map(|z| (0.5 * z) as f32)));
                 let (of, area) = (pixel as u32, false);
-                let contribution = Contribution { pixel: of, technique, area, group: 0, index, r, w, radiance };
+                let contribution = Contribution { pixel: of, technique, area, layer: 0, index, r, w, radiance };
                 found(&mut self.sums[pixel], atom, by_light, contribution);
             }
         }

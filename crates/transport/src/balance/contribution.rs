@@ -22,8 +22,8 @@ pub struct Contribution {
     pub technique: Technique,
     /// Whether the light is an area light, where area lights are a technique of their own. Otherwise `false` for all lights.
     pub area: bool,
-    /// Group of the light, of a technique that finds one alone.
-    pub group: u8,
+    /// Layer of the light, of a technique that finds one alone.
+    pub layer: u8,
     /// Index of the sample in its technique's sequence.
     pub index: u32,
     /// r = (p_l − p_b)/(p_l + p_b), in [−1, 1]. p_l includes the fraction of light samples that this light technique takes.

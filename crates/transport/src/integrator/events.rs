@@ -8,7 +8,7 @@ use glam::Vec3;
 
 use crate::integrator::data::context::WaveContext;
 use crate::integrator::data::queues::{LightKind, PathRays, ShadowRays};
-use crate::integrator::data::requests::RequestGroup;
+use crate::integrator::data::requests::RequestPacket;
 use crate::integrator::data::vertices::Vertices;
 use crate::lanes::{F, LANES, Survivors, V3};
 use crate::rays::HitBatch;
@@ -25,13 +25,13 @@ pub struct FoundEmission {
     pub pdf: [f32; 2],
     /// Kind of the light.
     pub kind: LightKind,
-    /// Number of its group ([`Transport::group`](crate::integrator::Transport::group)).
-    pub group: u8,
+    /// Number of its layer ([`Transport::layer`](crate::integrator::Transport::layer)).
+    pub layer: u8,
 }
 
 /// Up to eight light samples of the environment and of area lights.
 #[derive(Debug, Clone, Copy)]
-pub struct LightSampleGroup {
+pub struct LightSamplePacket {
     /// Those that have a shadow ray.
     pub survivors: Survivors,
     /// Row of the first survivor's shadow ray; the others follow.
@@ -52,7 +52,7 @@ pub struct LightSampleGroup {
 
 /// Up to eight directions that were sampled from BSDFs, or from the mixture with the guiding field.
 #[derive(Debug, Clone, Copy)]
-pub struct ScatteredGroup {
+pub struct ScatteredPacket {
     /// Those that have a next ray.
     pub survivors: Survivors,
     /// Number in the wave of the first survivor's ray; the others follow.
@@ -63,6 +63,19 @@ pub struct ScatteredGroup {
     pub pdf: [F; 3],
     /// Roulette probabilities at the surface: of the light sample, and of continuing the path.
     pub roulette: [F; 2],
+    /// Mask of those that roulette has ended.
+    pub ended: F,
+}
+
+/// A thin wall that a ray of a path passed.
+#[derive(Debug, Clone, Copy)]
+pub struct PassedWall {
+    /// Row of the ray.
+    pub row: usize,
+    /// What the wall leaves of light, linear RGB.
+    pub weight: Vec3,
+    /// Distance of the wall from the ray's origin.
+    pub t: f32,
 }
 
 /// Light that a shadow ray found.
@@ -95,6 +108,14 @@ pub trait PathEvents {
     #[inline]
     fn begin(&mut self, at: &WaveContext) {}
 
+    /// The rays at a depth are about to be traced.
+    #[inline]
+    fn rays(&mut self, at: &WaveContext, rays: &PathRays) {}
+
+    /// A ray has passed a thin wall, told before what it meets behind.
+    #[inline]
+    fn passed_wall(&mut self, at: &WaveContext, rays: &PathRays, passed: &PassedWall) {}
+
     /// The rays at a depth have met surfaces, or nothing. Camera rays have not passed thin walls yet, all others have.
     #[inline]
     fn hits(&mut self, at: &WaveContext, rays: &PathRays, hits: &HitBatch) {}
@@ -107,24 +128,41 @@ pub trait PathEvents {
     #[inline]
     fn emission(&mut self, at: &WaveContext, rays: &PathRays, found: &FoundEmission) {}
 
-    /// A group of vertices has sampled lights; punctual lights are not among them.
+    /// The second surface at the end of the ray of this number lends what its path finds from here on, with a throughput of one,
+    /// or ends its path, where it does not go on ([`reuse`](crate::integrator::reuse)).
+    #[inline]
+    fn lends(&mut self, at: &WaveContext, ray: u32, goes_on: bool) {}
+
+    /// A ray has found light that its path lends: `radiance` is what leaves the second surface, and is no path's yet.
+    #[inline]
+    fn lent(&mut self, at: &WaveContext, rays: &PathRays, found: &FoundEmission) {}
+
+    /// A packet of vertices has sampled lights; punctual lights are not among them.
     #[inline]
     fn light_samples(
         &mut self,
         at: &WaveContext,
         vertices: &Vertices,
-        group: &RequestGroup,
-        samples: &LightSampleGroup,
+        packet: &RequestPacket,
+        samples: &LightSamplePacket,
     ) {
     }
 
-    /// A group of vertices has sampled directions.
+    /// A packet of vertices has sampled directions.
     #[inline]
-    fn scattered(&mut self, at: &WaveContext, vertices: &Vertices, group: &RequestGroup, samples: &ScatteredGroup) {}
+    fn scattered(&mut self, at: &WaveContext, vertices: &Vertices, packet: &RequestPacket, samples: &ScatteredPacket) {}
+
+    /// All shadow rays at a depth have been traced, those of light that is lent among them.
+    #[inline]
+    fn shadow_rays(&mut self, at: &WaveContext, shadows: &ShadowRays) {}
 
     /// A shadow ray has found light; punctual lights are among them.
     #[inline]
     fn unoccluded(&mut self, at: &WaveContext, shadows: &ShadowRays, found: &UnoccludedLight) {}
+
+    /// A sample of the path with this index was discarded, as its radiance was not finite.
+    #[inline]
+    fn not_finite(&mut self, at: &WaveContext, path: u32) {}
 
     /// A first surface has borrowed light.
     #[inline]
@@ -144,6 +182,16 @@ macro_rules! pass_on {
         }
 
         #[inline]
+        fn rays(&mut $self, at: &WaveContext, rays: &PathRays) {
+            $($clients.for_each(|client| client.rays(at, rays));)*
+        }
+
+        #[inline]
+        fn passed_wall(&mut $self, at: &WaveContext, rays: &PathRays, passed: &PassedWall) {
+            $($clients.for_each(|client| client.passed_wall(at, rays, passed));)*
+        }
+
+        #[inline]
         fn hits(&mut $self, at: &WaveContext, rays: &PathRays, hits: &HitBatch) {
             $($clients.for_each(|client| client.hits(at, rays, hits));)*
         }
@@ -159,14 +207,24 @@ macro_rules! pass_on {
         }
 
         #[inline]
+        fn lends(&mut $self, at: &WaveContext, ray: u32, goes_on: bool) {
+            $($clients.for_each(|client| client.lends(at, ray, goes_on));)*
+        }
+
+        #[inline]
+        fn lent(&mut $self, at: &WaveContext, rays: &PathRays, found: &FoundEmission) {
+            $($clients.for_each(|client| client.lent(at, rays, found));)*
+        }
+
+        #[inline]
         fn light_samples(
             &mut $self,
             at: &WaveContext,
             vertices: &Vertices,
-            group: &RequestGroup,
-            samples: &LightSampleGroup,
+            packet: &RequestPacket,
+            samples: &LightSamplePacket,
         ) {
-            $($clients.for_each(|client| client.light_samples(at, vertices, group, samples));)*
+            $($clients.for_each(|client| client.light_samples(at, vertices, packet, samples));)*
         }
 
         #[inline]
@@ -174,15 +232,25 @@ macro_rules! pass_on {
             &mut $self,
             at: &WaveContext,
             vertices: &Vertices,
-            group: &RequestGroup,
-            samples: &ScatteredGroup,
+            packet: &RequestPacket,
+            samples: &ScatteredPacket,
         ) {
-            $($clients.for_each(|client| client.scattered(at, vertices, group, samples));)*
+            $($clients.for_each(|client| client.scattered(at, vertices, packet, samples));)*
+        }
+
+        #[inline]
+        fn shadow_rays(&mut $self, at: &WaveContext, shadows: &ShadowRays) {
+            $($clients.for_each(|client| client.shadow_rays(at, shadows));)*
         }
 
         #[inline]
         fn unoccluded(&mut $self, at: &WaveContext, shadows: &ShadowRays, found: &UnoccludedLight) {
             $($clients.for_each(|client| client.unoccluded(at, shadows, found));)*
+        }
+
+        #[inline]
+        fn not_finite(&mut $self, at: &WaveContext, path: u32) {
+            $($clients.for_each(|client| client.not_finite(at, path));)*
         }
 
         #[inline]

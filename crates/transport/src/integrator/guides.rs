@@ -12,9 +12,9 @@ pub fn guides(transport: &Transport, pixels: &[[u32; 2]]) -> Vec<PixelFeatures> 
     let (mut rays, mut hits) = (RayBatch::default(), HitBatch::default());
     let time = F::splat(0.5);
     rays.open(pixels.len(), transport.geometry.moves);
-    for (group, at) in pixels.chunks(LANES).zip((0..).step_by(LANES)) {
+    for (packet, at) in pixels.chunks(LANES).zip((0..).step_by(LANES)) {
         let middle =
-            |axis: usize| F::from(std::array::from_fn(|lane| group[lane.min(group.len() - 1)][axis] as f32 + 0.5));
+            |axis: usize| F::from(std::array::from_fn(|lane| packet[lane.min(packet.len() - 1)][axis] as f32 + 0.5));
         let ray = transport.camera.rays(middle(0), middle(1), time);
         let (near, far) = transport.camera.intervals(ray.1, time);
         rays.put(at, ray, far, U::ZERO, time);

@@ -1,13 +1,11 @@
 //! Wavefront path tracing: a batch of paths is advanced by stages between ray queries ([`wave`]). Each folder imports only
-//! those listed before it: [`surface`], [`data`], [`events`], [`stages`], [`through`], [`clients`], [`reuse`]. [`scalar`] traces single
-//! paths as a reference.
+//! those listed before it: [`surface`], [`data`], [`events`], [`stages`], [`through`], [`clients`], [`reuse`].
 
 pub mod clients;
 pub mod data;
 pub mod events;
 pub mod guides;
 pub mod reuse;
-pub mod scalar;
 pub mod stages;
 pub mod surface;
 pub mod through;

@@ -1,7 +1,7 @@
 //! The wavefront loop: traces a batch of paths, stage by stage. Buffers are reused between waves, so that the steady state
 //! allocates nothing.
 
-use glam::Vec3;
+use std::ops::Range;
 
 use super::data::context::WaveContext;
 use super::data::counts::{WaveCounts, timed};
@@ -45,8 +45,9 @@ impl Wave {
         camera_rays::begin(transport, tasks, rays);
         let mut at = WaveContext { transport, tasks, paths, depth: 0 };
         let light = &mut PathLight { radiance, lending, clients };
-        (&mut *light, through.histories()).begin(&at);
+        light.begin(&at);
         while at.depth < transport.longest_path() && rays.len > 0 {
+            light.rays(&at, rays);
             through.sized_lights(&at, rays, non_finite, light, counts);
             trace(&at, rays, hits, counts);
             through.resolve(&at, rays, hits, non_finite, light);
@@ -55,37 +56,35 @@ impl Wave {
             through.visible_emission(&at, sorted, non_finite, light, counts);
             emission::find(&at, sorted, rays, hits, found, non_finite, light);
             surfaces::vertices(transport, sorted, rays, hits, vertices);
-            light.lending.lend(&at, rays, vertices);
-            through.histories().mark(transport, vertices);
+            light.lend(&at, rays, vertices);
             mixture::find_cells(transport, vertices);
 
             requests.light_samples(transport, at.depth, vertices, paths, tasks);
             lights::sample(&at, vertices, requests, non_finite, shadows, light);
             requests.bsdf_samples(at.depth, vertices, paths);
             let next = (rays.next_number(), &mut *next_rays);
-            let events = &mut (&mut *light, through.histories());
-            scatter::sample(&at, vertices, requests, non_finite, next, events);
+            scatter::sample(&at, vertices, requests, non_finite, next, light);
             if shadows.len > 0 {
                 through.occlude(transport, shadows, counts);
+                light.shadow_rays(&at, shadows);
                 lights::unoccluded(&at, shadows, light);
             }
             light.lending.keep(&at, vertices);
+            light.discard(&at, counts, non_finite);
             std::mem::swap(rays, next_rays);
             at.depth += 1;
         }
         light.end(&at, counts, non_finite);
-        counts.add_not_finite(&at, non_finite);
     }
 
-    /// Lists, in the next wave, what the path of this index borrows ([`watched`](Self::watched)).
-    pub fn watch(&mut self, path: u32) {
-        self.lending.watched = Some(path);
+    /// Lists, from the next wave on, what the paths of these indices borrow.
+    pub fn watch(&mut self, paths: Range<u32>) {
+        self.lending.watched = paths;
     }
 
-    /// Radiance of the watched path in the last wave, linear RGB, and what of it the path has borrowed.
-    pub fn watched(&self) -> Option<(Vec3, &[Loan])> {
-        let path = self.lending.watched?;
-        Some((self.path_states.radiance[path as usize], &self.lending.loans))
+    /// What the watched paths have borrowed in the last wave.
+    pub fn loans(&self) -> &[Loan] {
+        &self.lending.loans
     }
 }
 

@@ -82,7 +82,7 @@ mod tests {
     const EQUAL: Cost = Cost { fixed: 1.0, light: 1.0, bsdf: 1.0 };
 
     fn one(technique: Technique, r: f32, y: f32) -> Contribution {
-        Contribution { pixel: 0, technique, area: false, group: 0, index: 0, r, w: 0.0, radiance: Vec3::splat(y) }
+        Contribution { pixel: 0, technique, area: false, layer: 0, index: 0, r, w: 0.0, radiance: Vec3::splat(y) }
     }
 
     #[test]

@@ -6,7 +6,7 @@ const WALL: PixelFeatures = PixelFeatures { object: 1, material: 1, normal: Vec3
 const EQUAL: Cost = Cost { fixed: 1.0, light: 1.0, bsdf: 1.0 };
 
 fn contribution(pixel: u32, technique: Technique, index: u32, r: f32, y: f32) -> Contribution {
-    Contribution { pixel, technique, area: false, group: 0, index, r, w: 0.0, radiance: Vec3::splat(y) }
+    Contribution { pixel, technique, area: false, layer: 0, index, r, w: 0.0, radiance: Vec3::splat(y) }
 }
 
 /// The shares of the pixels of a tile with `width` pixels per row, after a pilot of 32 paths.

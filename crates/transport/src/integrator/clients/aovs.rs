@@ -18,9 +18,9 @@ pub struct Aovs<'a> {
     pub sums: &'a mut [AovSums],
     /// Sums of further AOVs; empty if not requested.
     pub extras: &'a mut [ExtraSums],
-    /// By task and then by group or kind of lights ([`Transport::group`](crate::integrator::Transport::group)), their light; empty if
+    /// By task and then by layer of lights ([`Transport::layer`](crate::integrator::Transport::layer)), their light; empty if
     /// not requested.
-    pub groups: &'a mut [[f32; 3]],
+    pub layers: &'a mut [[f32; 3]],
     /// The same of what BSDF samples find by way of further surfaces; empty if not requested.
     pub indirect: &'a mut [[f32; 3]],
     /// Columns, reused between waves.
@@ -33,13 +33,13 @@ pub struct AovColumns {
     /// By path, its radiance with at most one bounce: emission seen directly, and direct illumination. Empty without sums.
     direct: Vec<Vec3>,
     mirrors: MirrorChains,
-    /// Number of groups of lights.
-    groups: usize,
+    /// Number of light layers.
+    layers: usize,
 }
 
 impl PathEvents for Aovs<'_> {
     fn begin(&mut self, at: &WaveContext) {
-        self.columns.groups = self.groups.len() / at.tasks.len().max(1);
+        self.columns.layers = self.layers.len() / at.tasks.len().max(1);
         self.columns.direct.clear();
         self.columns.direct.resize(if self.sums.is_empty() { 0 } else { at.paths.len() }, Vec3::ZERO);
         self.columns.mirrors.begin(if self.extras.is_empty() { 0 } else { at.paths.len() });
@@ -47,7 +47,7 @@ impl PathEvents for Aovs<'_> {
 
     fn hits(&mut self, at: &WaveContext, rays: &PathRays, hits: &HitBatch) {
         if at.depth == 0 {
-            // Groups of lights need nothing of surfaces.
+            // Layers of lights need nothing of surfaces.
             if !(self.sums.is_empty() && self.extras.is_empty()) {
                 self.first_hits(at, rays, hits);
             }
@@ -64,7 +64,7 @@ impl PathEvents for Aovs<'_> {
 
     fn emission(&mut self, at: &WaveContext, rays: &PathRays, found: &FoundEmission) {
         let path = rays.path[found.ray as usize];
-        self.add_light(at, path, (found.group.into(), at.depth > 1), found.radiance);
+        self.add_light(at, path, (found.layer.into(), at.depth > 1), found.radiance);
         if let Some(extras) = self.extras.get_mut(at.pixel(path)) {
             let passed_wall = rays.passed_wall.get(found.ray as usize).is_some_and(|passed| *passed);
             if at.depth == 0 && found.kind == LightKind::Area && !passed_wall {
@@ -78,8 +78,8 @@ impl PathEvents for Aovs<'_> {
 
     fn unoccluded(&mut self, at: &WaveContext, shadows: &ShadowRays, found: &UnoccludedLight) {
         let path = shadows.path[found.row];
-        let group = at.transport.sampled_group(shadows.light(found.row));
-        self.add_light(at, path, (group.into(), at.depth > 0), found.radiance);
+        let layer = at.transport.sampled_layer(shadows.light(found.row));
+        self.add_light(at, path, (layer.into(), at.depth > 0), found.radiance);
         if at.depth == 0 {
             self.add_direct(path, found.radiance);
         }
@@ -96,9 +96,9 @@ impl PathEvents for Aovs<'_> {
 
 impl Aovs<'_> {
     #[inline]
-    fn add_light(&mut self, at: &WaveContext, path: u32, (group, is_indirect): (usize, bool), radiance: Vec3) {
-        let i = at.pixel(path) * self.columns.groups + group;
-        if let Some(sum) = self.groups.get_mut(i) {
+    fn add_light(&mut self, at: &WaveContext, path: u32, (layer, is_indirect): (usize, bool), radiance: Vec3) {
+        let i = at.pixel(path) * self.columns.layers + layer;
+        if let Some(sum) = self.layers.get_mut(i) {
             accumulate(sum, radiance.into());
         }
         if let Some(sum) = self.indirect.get_mut(i).filter(|_| is_indirect) {

@@ -6,12 +6,12 @@ use crate::balance::{Contribution, Observer, Technique};
 use crate::integrator::data::context::WaveContext;
 use crate::integrator::data::dimensions::AREA_LIGHT_INDEX;
 use crate::integrator::data::queues::{LightKind, PathRays, ShadowRays};
-use crate::integrator::data::requests::{LightTarget, RequestGroup};
+use crate::integrator::data::requests::{LightTarget, RequestPacket};
 use crate::integrator::data::vertices::Vertices;
 use crate::integrator::events::{
-    BorrowedLight, FoundEmission, LightSampleGroup, PathEvents, ScatteredGroup, UnoccludedLight,
+    BorrowedLight, FoundEmission, LightSamplePacket, PathEvents, ScatteredPacket, UnoccludedLight,
 };
-use crate::lanes::{F, U, V3, grow, load_bits, store, store_bits};
+use crate::lanes::{F, U, V3, grow, store, store_bits};
 
 /// Reports contributions at first surfaces, and the radiance of paths, to an observer.
 pub struct Contributions<'a> {
@@ -25,10 +25,8 @@ pub struct Contributions<'a> {
 #[derive(Debug, Default)]
 pub struct ContributionColumns {
     light: LightColumns,
-    /// The sub-paths of all paths.
+    /// By BSDF sample at a first surface ([`PathRays::root`]), its sub-path; then what is borrowed.
     sub_paths: Vec<SubPath>,
-    /// By number of a ray behind those of the camera: index of the sub-path that it belongs to.
-    sub_path_of: Vec<u32>,
 }
 
 /// By row of shadow rays at first surfaces, except those of punctual lights: the terms of their contributions.
@@ -58,7 +56,6 @@ struct SubPath {
 impl PathEvents for Contributions<'_> {
     fn begin(&mut self, _at: &WaveContext) {
         self.columns.sub_paths.clear();
-        self.columns.sub_path_of.clear();
     }
 
     fn emission(&mut self, at: &WaveContext, rays: &PathRays, found: &FoundEmission) {
@@ -73,11 +70,11 @@ impl PathEvents for Contributions<'_> {
                 let (w, r) = contribution_terms(radiance, p_l, p_b, a_l / (a_l + a_b));
                 let divided = at.tasks[path.pixel as usize].counts.environment.is_some();
                 let (area, index) = (divided && found.pdf[1] > 0.0, rays.index[row]);
-                let (technique, group) = (Technique::Bsdf, found.group);
-                let contribution = Contribution { pixel: 0, technique, area, group, index, r, w, radiance };
+                let (technique, layer) = (Technique::Bsdf, found.layer);
+                let contribution = Contribution { pixel: 0, technique, area, layer, index, r, w, radiance };
                 self.notify(at, rays.path[row], contribution);
             }
-            _ => self.columns.add_indirect(at, rays.first + found.ray, radiance),
+            _ => self.columns.add_indirect(rays.root[row], radiance),
         }
     }
 
@@ -85,18 +82,18 @@ impl PathEvents for Contributions<'_> {
         &mut self,
         at: &WaveContext,
         _vertices: &Vertices,
-        group: &RequestGroup,
-        samples: &LightSampleGroup,
+        packet: &RequestPacket,
+        samples: &LightSamplePacket,
     ) {
         if at.depth > 0 {
             return;
         }
-        let LightSampleGroup { survivors, first_row, weighted_pdf, bsdf_pdf, radiance, .. } = *samples;
-        let [a_env, a_area, a_b] = group.samples_per_path;
+        let LightSamplePacket { survivors, first_row, weighted_pdf, bsdf_pdf, radiance, .. } = *samples;
+        let [a_env, a_area, a_b] = packet.samples_per_path;
         let a_l = a_env + a_area;
         let (w, r) = contribution_terms_wide(radiance, weighted_pdf / a_l, bsdf_pdf, a_l / (a_l + a_b));
-        let index = group.path_ids.index & U::splat(!AREA_LIGHT_INDEX);
-        let area = group.target.simd_eq(U::splat(LightTarget::AreaLight as u32));
+        let index = packet.path_ids.index & U::splat(!AREA_LIGHT_INDEX);
+        let area = packet.target.simd_eq(U::splat(LightTarget::AreaLight as u32));
         let columns = &mut self.columns.light;
         for (column, value) in [(&mut columns.index, index), (&mut columns.area, area)] {
             grow(column, first_row);
@@ -108,36 +105,25 @@ impl PathEvents for Contributions<'_> {
         }
     }
 
-    fn scattered(&mut self, at: &WaveContext, vertices: &Vertices, group: &RequestGroup, samples: &ScatteredGroup) {
-        let ScatteredGroup { survivors, .. } = samples;
-        let ContributionColumns { sub_paths, sub_path_of, .. } = &mut *self.columns;
+    fn scattered(&mut self, at: &WaveContext, _: &Vertices, packet: &RequestPacket, _: &ScatteredPacket) {
         if at.depth == 0 {
-            let path = survivors.compress_bits(group.path_ids.path).to_array();
-            let index = survivors.compress_bits(group.path_ids.index).to_array();
-            let first = sub_paths.len() as u32;
-            let new = (0..survivors.len).map(|i| SubPath { path: path[i], index: index[i], indirect: Vec3::ZERO });
-            sub_paths.extend(new);
-            sub_path_of.extend(first..sub_paths.len() as u32);
-        } else {
-            let arrived = survivors.compress_bits(load_bits(&vertices.ray, &group.rows)).to_array();
-            let before = at.paths.len();
-            for ray in &arrived[..survivors.len] {
-                sub_path_of.push(sub_path_of[*ray as usize - before]);
-            }
+            let (path, index) = (packet.path_ids.path.to_array(), packet.path_ids.index.to_array());
+            let new = (0..packet.len).map(|i| SubPath { path: path[i], index: index[i], indirect: Vec3::ZERO });
+            self.columns.sub_paths.extend(new);
         }
     }
 
     fn unoccluded(&mut self, at: &WaveContext, shadows: &ShadowRays, found: &UnoccludedLight) {
         let UnoccludedLight { row, radiance, scale } = *found;
         if at.depth > 0 {
-            self.columns.add_indirect(at, shadows.ray[row], radiance);
+            self.columns.add_indirect(shadows.root[row], radiance);
         } else if shadows.kind(row) != LightKind::Punctual {
             let LightColumns { index, area, w, r } = &self.columns.light;
             if w[row] > 0.0 {
                 let (area, index, r) = (area[row] != 0, index[row], r[row]);
                 let (technique, w) = (Technique::Light, w[row] * scale * scale);
-                let group = at.transport.sampled_group(shadows.light(row));
-                let contribution = Contribution { pixel: 0, technique, area, group, index, r, w, radiance };
+                let layer = at.transport.sampled_layer(shadows.light(row));
+                let contribution = Contribution { pixel: 0, technique, area, layer, index, r, w, radiance };
                 self.notify(at, shadows.path[row], contribution);
             }
         }
@@ -156,7 +142,7 @@ impl PathEvents for Contributions<'_> {
                 let w = 4.0 * at.paths[path as usize].samples_per_path[2] * radiance.length_squared();
                 let technique = Technique::Indirect;
                 let contribution =
-                    Contribution { pixel: 0, technique, area: false, group: 0, index, r: -1.0, w, radiance };
+                    Contribution { pixel: 0, technique, area: false, layer: 0, index, r: -1.0, w, radiance };
                 self.notify(at, path, contribution);
             }
         }
@@ -175,10 +161,9 @@ impl Contributions<'_> {
 }
 
 impl ContributionColumns {
-    /// Adds light that the ray of this number found to its sub-path.
-    fn add_indirect(&mut self, at: &WaveContext, ray: u32, radiance: Vec3) {
-        let sub_path = self.sub_path_of[ray as usize - at.paths.len()];
-        self.sub_paths[sub_path as usize].indirect += radiance;
+    /// Adds light that a ray with this root found to its sub-path.
+    fn add_indirect(&mut self, root: u32, radiance: Vec3) {
+        self.sub_paths[root as usize].indirect += radiance;
     }
 }
 

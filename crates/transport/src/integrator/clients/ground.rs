@@ -91,8 +91,9 @@ impl Ground<'_> {
         shadows.open(transport, 2 * SAMPLES as usize * points.len());
         light.clear();
         let up = V3::splat(Vec3::Y);
-        for (group, sample) in points.chunks(LANES).flat_map(|group| (0..SAMPLES).map(move |sample| (group, sample))) {
-            let lane_of = |lane: usize| group[lane.min(group.len() - 1)];
+        for (packet, sample) in points.chunks(LANES).flat_map(|packet| (0..SAMPLES).map(move |sample| (packet, sample)))
+        {
+            let lane_of = |lane: usize| packet[lane.min(packet.len() - 1)];
             let column = |column: &[u32]| U::from(eight(|lane| column[lane_of(lane).0 as usize]));
             let (path, seed, index) = (column(&rays.path), column(&rays.seed), column(&rays.index));
             let index = index * U::splat(SAMPLES) + U::splat(sample);
@@ -103,10 +104,10 @@ impl Ground<'_> {
             let mut push = |LightSamples { wi, end, .. }: LightSamples, radiance: V3, valid: F| {
                 let radiance = radiance * wi.y;
                 let bright = wi.y.simd_gt(F::ZERO) & radiance.max_element().simd_gt(F::ZERO) & radiance.is_finite();
-                let survivors = Survivors::of(mask(group.len()) & valid & bright);
+                let survivors = Survivors::of(mask(packet.len()) & valid & bright);
                 shadows.set_bodies(&survivors, U::MAX, U::ZERO);
                 let first = shadows.len;
-                shadows.push(&survivors, (point, wi), end, (key, time), radiance, [path, U::ZERO, U::ZERO]);
+                shadows.push(&survivors, (point, wi), end, (key, time), radiance, [path, U::ZERO, U::ZERO, U::ZERO]);
                 light.extend((first..shadows.len).map(|row| luminance(shadows.radiance.get(row))));
             };
             let context = LightSampleContext { scene: transport.scene, time, p: point, origin_error: F::ZERO, n: up };

@@ -3,9 +3,9 @@
 use crate::color::luminance;
 use crate::integrator::data::context::WaveContext;
 use crate::integrator::data::queues::{LightKind, ShadowRays};
-use crate::integrator::data::requests::RequestGroup;
+use crate::integrator::data::requests::RequestPacket;
 use crate::integrator::data::vertices::Vertices;
-use crate::integrator::events::{LightSampleGroup, PathEvents, UnoccludedLight};
+use crate::integrator::events::{LightSamplePacket, PathEvents, UnoccludedLight};
 use crate::lanes::{U, eight, grow, mask, store_bits};
 use crate::light::LightSampleRecord;
 use crate::light::samples::SIZED;
@@ -37,12 +37,12 @@ impl PathEvents for LightSampleRecorder {
         &mut self,
         at: &WaveContext,
         _vertices: &Vertices,
-        group: &RequestGroup,
-        samples: &LightSampleGroup,
+        packet: &RequestPacket,
+        samples: &LightSamplePacket,
     ) {
-        let recorded = (mask(group.len) & !samples.is_environment).to_bitmask();
+        let recorded = (mask(packet.len) & !samples.is_environment).to_bitmask();
         let (position, normal) = samples.from;
-        let path = group.path_ids.path.to_array();
+        let path = packet.path_ids.path.to_array();
         let record_of = eight(|lane| {
             let record = self.records.len() as u32;
             if recorded >> lane & 1 == 1 && samples.emitter[lane] < SIZED {

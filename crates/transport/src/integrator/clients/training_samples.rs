@@ -7,9 +7,9 @@ use crate::color::luminance;
 use crate::guiding::{TrainingSample, VertexRecord};
 use crate::integrator::data::context::WaveContext;
 use crate::integrator::data::queues::{LightKind, PathRays, ShadowRays};
-use crate::integrator::data::requests::RequestGroup;
+use crate::integrator::data::requests::RequestPacket;
 use crate::integrator::data::vertices::Vertices;
-use crate::integrator::events::{FoundEmission, PathEvents, ScatteredGroup, UnoccludedLight};
+use crate::integrator::events::{FoundEmission, PathEvents, ScatteredPacket, UnoccludedLight};
 use crate::integrator::stages::mixture;
 use crate::lanes::load_bits;
 use crate::rays::HitBatch;
@@ -119,15 +119,15 @@ impl PathEvents for TrainingRecorder {
     }
 
     #[inline(never)]
-    fn scattered(&mut self, at: &WaveContext, vertices: &Vertices, group: &RequestGroup, samples: &ScatteredGroup) {
-        let (rows, survivors) = (&group.rows, &samples.survivors);
+    fn scattered(&mut self, at: &WaveContext, vertices: &Vertices, packet: &RequestPacket, samples: &ScatteredPacket) {
+        let (rows, survivors) = (&packet.rows, &samples.survivors);
         let [position, normal, wi] = [vertices.origin.load(rows), vertices.ng.load(rows), samples.wi]
             .map(|column| survivors.compress_v3(column));
         let beta = survivors.compress(vertices.beta.load(rows).luminance()).to_array();
         let diffuse = survivors.compress_bits(cast(mixture::are_diffuse(vertices, rows))).to_array();
         let pdf = samples.pdf.map(|pdf| survivors.compress(pdf).to_array());
         let roulette = samples.roulette.map(|probability| survivors.compress(probability).to_array());
-        let path = survivors.compress_bits(group.path_ids.path).to_array();
+        let path = survivors.compress_bits(packet.path_ids.path).to_array();
         let arrived = survivors.compress_bits(load_bits(&vertices.ray, rows)).to_array();
         self.records.extend((0..survivors.len).map(|lane| ScatterRecord {
             pixel: at.pixel(path[lane]) as u32,

@@ -3,7 +3,6 @@
 use std::time::Instant;
 
 use super::context::WaveContext;
-use super::path_states::NonFiniteSamples;
 
 /// Ray counts and query time of waves.
 #[derive(Debug, Clone, Copy, Default)]
@@ -49,11 +48,9 @@ impl WaveCounts {
         }
     }
 
-    pub(in crate::integrator) fn add_not_finite(&mut self, at: &WaveContext, samples: &NonFiniteSamples) {
-        self.not_finite += samples.count;
-        if let (None, Some(path)) = (self.first_not_finite, samples.first) {
-            self.first_not_finite = Some(at.place(path));
-        }
+    pub(in crate::integrator) fn add_not_finite(&mut self, at: &WaveContext, path: u32) {
+        self.not_finite += 1;
+        self.first_not_finite.get_or_insert_with(|| at.place(path));
     }
 
     pub(in crate::integrator) fn add_rays(&mut self, depth: u32, n: usize) {

@@ -31,7 +31,7 @@ pub fn roulette(depth: u32) -> u32 {
     (1 << 30) + depth
 }
 
-/// Keys of the groups of path re-use.
+/// Keys of the pools of path re-use.
 pub const REUSE: u32 = u32::MAX - 2;
 
 /// Sets of a ray's choices at thin walls.

@@ -6,7 +6,7 @@ pub mod context;
 pub mod counts;
 pub mod dimensions;
 pub mod history;
-pub mod light_groups;
+pub mod light_layers;
 pub mod path_states;
 pub mod prepared;
 pub mod proposal;

@@ -23,21 +23,18 @@ pub struct PathState {
     pub samples_per_path: [f32; 3],
 }
 
-/// Samples that were discarded because their radiance was not finite.
-#[derive(Debug, Clone, Copy, Default)]
+/// Samples that were discarded because their radiance was not finite, since clients were told.
+#[derive(Debug, Clone, Default)]
 pub struct NonFiniteSamples {
-    /// Number of samples.
-    pub count: u64,
-    /// Path of the first one.
-    pub first: Option<u32>,
+    /// By sample, its path.
+    pub paths: Vec<u32>,
 }
 
 impl NonFiniteSamples {
     /// Counts a sample of a path of the wave.
     #[inline]
     pub fn add(&mut self, path: u32) {
-        self.count += 1;
-        self.first.get_or_insert(path);
+        self.paths.push(path);
     }
 
     /// Counts a sample for each of eight paths whose bit is set.
@@ -72,7 +69,6 @@ impl PathStates {
     /// of [`LightProposal`](crate::light::LightProposal).
     pub fn start_paths(&mut self, tasks: &[PixelTask], environment_probability: f32) {
         self.paths.clear();
-        self.non_finite = NonFiniteSamples::default();
         for (pixel, task) in tasks.iter().enumerate() {
             let (mut first_light, mut first_bsdf) = (task.first_light, task.first_bsdf);
             let samples_per_path = task.weighed.samples_per_path(environment_probability);

@@ -25,15 +25,15 @@ pub struct Proposal<'a> {
 /// Sizes of path re-use.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Reuse {
-    /// Number N of BSDF samples that form a group, from 2 to [`Reuse::MAX_GROUP`].
+    /// Number N of BSDF samples that form a pool (for users a group), from 2 to [`Reuse::MAX_POOL`].
     pub group: u32,
     /// How many of these go on from the second surface, from 1 to N.
     pub traced: u32,
 }
 
 impl Reuse {
-    /// Largest group.
-    pub const MAX_GROUP: u32 = 64;
+    /// Largest pool.
+    pub const MAX_POOL: u32 = 64;
 
     /// Sizes that suit most scenes with so many paths per pixel. The fewer go on, the more the errors of a tile have in common:
     /// with few paths per pixel, tiles could be seen.
@@ -48,7 +48,7 @@ impl Reuse {
         }
     }
 
-    /// How many samples of a group of `members` go on: the same share, at least one.
+    /// How many samples of a pool of `members` go on: the same share, at least one.
     pub fn traced_of(self, members: usize) -> usize {
         (members * self.traced as usize).div_ceil(self.group as usize).max(1)
     }
@@ -93,10 +93,8 @@ impl FromStr for Reuse {
     fn from_str(text: &str) -> Result<Self, String> {
         let (group, traced) = text.split_once(':').unwrap_or((text, text));
         match (group.parse(), traced.parse()) {
-            (Ok(group @ 2..=Self::MAX_GROUP), Ok(traced)) if (1..=group).contains(&traced) => {
-                Ok(Self { group, traced })
-            }
-            _ => Err(format!("N or N:M with 2 <= N <= {} and 1 <= M <= N", Self::MAX_GROUP)),
+            (Ok(group @ 2..=Self::MAX_POOL), Ok(traced)) if (1..=group).contains(&traced) => Ok(Self { group, traced }),
+            _ => Err(format!("N or N:M with 2 <= N <= {} and 1 <= M <= N", Self::MAX_POOL)),
         }
     }
 }

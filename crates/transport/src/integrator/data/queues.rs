@@ -1,9 +1,9 @@
 //! The queues between stages, as structure of arrays: path rays, sorted hits, shadow rays.
 
 use super::history::RayHistory;
-pub use super::light_groups::{LightKind, LightNumber};
+pub use super::light_layers::{LightKind, LightNumber};
 use super::transport::Transport;
-use crate::lanes::{F, Survivors, U, V3, V3Column, grow, store, store_bits};
+use crate::lanes::{F, Rows, Survivors, U, V3, V3Column, grow, load_bits, store, store_bits};
 use crate::rays::RayBatch;
 
 /// The rays of the current path segments with their path data, one row per ray.
@@ -29,15 +29,17 @@ pub struct PathRays {
     pub light_probability: Vec<f32>,
     /// Camera rays that have passed a thin wall; empty for others and in scenes without thin walls.
     pub passed_wall: Vec<bool>,
-    /// What the paths have met before, by row; empty where nothing depends on it.
-    pub history: Vec<RayHistory>,
+    /// Index in the wave of the first surface's BSDF sample that the path has come by; without meaning for camera rays.
+    pub root: Vec<u32>,
+    /// [`RayHistory`]: what the path has met before.
+    pub history: Vec<u32>,
     /// Number in the wave of the ray of row 0. Rays are numbered in the order in which the wave generates them.
     pub first: u32,
     /// Number of valid rows.
     pub len: usize,
 }
 
-/// Eight rows' path and position in the pixel's sample sequence.
+/// Eight rows' path, position in the pixel's sample sequence, and what is behind them.
 #[derive(Debug, Clone, Copy)]
 pub struct PathIds {
     /// Index of the path in the wave.
@@ -48,6 +50,10 @@ pub struct PathIds {
     pub seed: U,
     /// Time in [0, 1] of the shutter interval; 0 where nothing moves.
     pub time: F,
+    /// [`PathRays::root`].
+    pub root: U,
+    /// [`RayHistory`].
+    pub history: U,
 }
 
 impl PathRays {
@@ -58,7 +64,7 @@ impl PathRays {
         self.beta.grow(capacity);
         self.normal.grow(capacity);
         grow(&mut self.weighted_pdf, capacity);
-        for column in [&mut self.path, &mut self.index, &mut self.seed] {
+        for column in [&mut self.path, &mut self.index, &mut self.seed, &mut self.root, &mut self.history] {
             grow(column, capacity);
         }
         self.passed_wall.clear();
@@ -66,7 +72,7 @@ impl PathRays {
         self.len = 0;
     }
 
-    /// Appends a group of eight rows, of which the first `n` are valid. `key` is that of [`RayBatch::key`].
+    /// Appends a packet of eight rows, of which the first `n` are valid. `key` is that of [`RayBatch::key`].
     #[inline(always)]
     #[allow(clippy::too_many_arguments, reason = "a row's columns")]
     pub fn push(&mut self, n: usize, ray: (V3, V3), key: U, beta: V3, normal: V3, weighted_pdf: F, path_ids: PathIds) {
@@ -77,6 +83,8 @@ impl PathRays {
         store_bits(&mut self.path, self.len, path_ids.path);
         store_bits(&mut self.index, self.len, path_ids.index);
         store_bits(&mut self.seed, self.len, path_ids.seed);
+        store_bits(&mut self.root, self.len, path_ids.root);
+        store_bits(&mut self.history, self.len, path_ids.history);
         self.len += n;
     }
 
@@ -85,10 +93,23 @@ impl PathRays {
         self.rays.close(self.len);
     }
 
-    /// What the path has met before a ray; that of no ray where nothing depends on it.
+    /// What the path has met before a ray.
     #[inline]
     pub fn history(&self, row: usize) -> RayHistory {
-        self.history.get(row).copied().unwrap_or_default()
+        RayHistory(self.history[row])
+    }
+
+    /// Paths of eight rays.
+    #[inline(always)]
+    pub fn path_ids(&self, rows: &Rows) -> PathIds {
+        PathIds {
+            path: load_bits(&self.path, rows),
+            index: load_bits(&self.index, rows),
+            seed: load_bits(&self.seed, rows),
+            time: self.rays.times(rows),
+            root: load_bits(&self.root, rows),
+            history: load_bits(&self.history, rows),
+        }
     }
 
     /// Does a ray pass back faces ([`back_faces`](crate::integrator::through::back_faces))?
@@ -145,6 +166,8 @@ pub struct ShadowRays {
     pub path: Vec<u32>,
     /// Number in the wave of the ray that arrived at the vertex.
     pub ray: Vec<u32>,
+    /// [`PathRays::root`] of that ray.
+    pub root: Vec<u32>,
     /// [`LightNumber`].
     light: Vec<u32>,
     /// Are the rays occluded?
@@ -164,7 +187,7 @@ impl ShadowRays {
     pub fn open(&mut self, transport: &Transport, capacity: usize) {
         self.rays.open(capacity, transport.geometry.moves);
         self.radiance.grow(capacity);
-        for column in [&mut self.path, &mut self.ray, &mut self.light] {
+        for column in [&mut self.path, &mut self.ray, &mut self.root, &mut self.light] {
             grow(column, capacity);
         }
         self.bodies = transport.passes_bodies().then(|| self.bodies.take().unwrap_or_default());
@@ -198,7 +221,7 @@ impl ShadowRays {
         }
     }
 
-    /// Appends the survivors of a group: rays of length `tfar`, contribution, path, arriving ray and [`LightNumber`]. `key` and
+    /// Appends the survivors of a packet: rays of length `tfar`, contribution, path, arriving ray, its root and [`LightNumber`]. `key` and
     /// `time` are those of [`RayBatch`].
     #[inline(always)]
     #[allow(clippy::too_many_arguments, reason = "a row's columns")]
@@ -209,7 +232,7 @@ impl ShadowRays {
         tfar: F,
         (key, time): (U, F),
         radiance: V3,
-        [path, ray_number, light]: [U; 3],
+        [path, ray_number, root, light]: [U; 4],
     ) {
         let ray = (survivors.compress_v3(origin), survivors.compress_v3(direction));
         let (key, time) = (survivors.compress_bits(key), survivors.compress(time));
@@ -217,6 +240,7 @@ impl ShadowRays {
         self.radiance.store(self.len, survivors.compress_v3(radiance));
         store_bits(&mut self.path, self.len, survivors.compress_bits(path));
         store_bits(&mut self.ray, self.len, survivors.compress_bits(ray_number));
+        store_bits(&mut self.root, self.len, survivors.compress_bits(root));
         store_bits(&mut self.light, self.len, survivors.compress_bits(light));
         self.len += survivors.len;
     }

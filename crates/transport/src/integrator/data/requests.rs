@@ -1,4 +1,4 @@
-//! Sample requests in groups of eight.
+//! Sample requests in packets of eight.
 
 use super::queues::PathIds;
 use crate::lanes::{F, Rows, U};
@@ -15,7 +15,9 @@ pub enum LightTarget {
 }
 
 /// Up to eight samples.
-pub struct RequestGroup {
+pub struct RequestPacket {
+    /// Number of the first sample; the others follow.
+    pub first: usize,
     /// Rows of the vertices.
     pub rows: Rows,
     /// Paths and sample indices.

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::camera::CameraRays;
 use super::dimensions::MAX_SEGMENTS;
-use super::light_groups::{LightGroupTable, LightKind, LightNumber};
+use super::light_layers::{LightKind, LightLayerTable, LightNumber};
 use super::prepared::Names;
 use super::proposal::Proposal;
 use crate::balance::{Counts, Heuristic};
@@ -56,8 +56,8 @@ pub struct Transport<'a> {
     pub straight_glass_shadows: bool,
     /// Height in metres of the ground that catches shadows ([`ground`](crate::integrator::clients::ground)), if there is one.
     pub ground: Option<f32>,
-    /// Groups of the lights, where they are not grouped by kind.
-    pub groups: Option<Arc<LightGroupTable>>,
+    /// Layers of the lights, where they are not by kind.
+    pub layers: Option<Arc<LightLayerTable>>,
     /// What light samples and directions are drawn by.
     pub proposal: Proposal<'a>,
 }
@@ -69,16 +69,16 @@ impl Transport<'_> {
         self.max_depth.saturating_add(uncounted).min(MAX_SEGMENTS)
     }
 
-    /// Group of a light of a kind, which `of` finds in the table.
+    /// Layer of a light of a kind, which `of` finds in the table.
     #[inline]
-    pub fn group(&self, kind: LightKind, of: impl FnOnce(&LightGroupTable) -> u8) -> u8 {
-        self.groups.as_deref().map_or(kind.group(), of)
+    pub fn layer(&self, kind: LightKind, of: impl FnOnce(&LightLayerTable) -> u8) -> u8 {
+        self.layers.as_deref().map_or(kind.layer(), of)
     }
 
-    /// Group of a light that a light sample has chosen.
+    /// Layer of a light that a light sample has chosen.
     #[inline]
-    pub fn sampled_group(&self, light: LightNumber) -> u8 {
-        self.group(light.kind(), |groups| groups.sampled(light))
+    pub fn sampled_layer(&self, light: LightNumber) -> u8 {
+        self.layer(light.kind(), |layers| layers.sampled(light))
     }
 
     /// The surface point that a ray hit.
@@ -93,17 +93,17 @@ impl Transport<'_> {
     }
 
     /// Does the wave cull back faces?
-    pub(in crate::integrator) fn culls(&self) -> bool {
+    pub fn culls(&self) -> bool {
         self.culls_back_faces && self.materials.has_single_sided
     }
 
     /// Do shadow rays pass bodies of smooth glass, and are there any?
-    pub(in crate::integrator) fn passes_bodies(&self) -> bool {
+    pub fn passes_bodies(&self) -> bool {
         self.straight_glass_shadows && self.materials.has_smooth_bodies
     }
 
     /// Samples per path beyond first surfaces (environment, area lights, BSDF): one light sample and one BSDF sample.
-    pub(in crate::integrator) fn deeper_samples_per_path(&self) -> [f32; 3] {
+    pub fn deeper_samples_per_path(&self) -> [f32; 3] {
         Counts::half(1).samples_per_path(self.proposal.lights.environment_probability)
     }
 }

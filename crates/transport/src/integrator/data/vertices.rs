@@ -2,7 +2,7 @@
 
 use wide::bytemuck::cast;
 
-use super::history::MIRROR_PDF;
+use super::history::{MIRROR_PDF, RayHistory};
 use super::queues::PathIds;
 use super::transport::Transport;
 use crate::bsdf::{Bsdf, Core, Lobe, LobeSet, Parameters};
@@ -33,15 +33,15 @@ pub struct Vertices {
     pub ray: Vec<u32>,
     /// Seed of the pixel's sequence.
     pub seed: Vec<u32>,
+    /// [`PathRays::root`](super::queues::PathRays::root) of the ray that arrived.
+    pub root: Vec<u32>,
+    /// [`RayHistory`] of the ray that arrived.
+    history: Vec<u32>,
     /// Media on the side of `wo` and beyond the surface, stacks of [`Materials::media`](crate::integrator::Materials::media); present if
     /// rays track them.
     pub media: Option<[Vec<u32>; 2]>,
     /// Columns for path guiding; present if there is a field.
     pub guiding: Option<GuidingColumns>,
-    /// All bits set if the path has had a rough vertex; empty where shadow rays do not pass bodies of glass.
-    pub after_rough: Vec<u32>,
-    /// All bits set if the ray that arrived is one from the camera or a mirror image of one; empty where no ray passes back faces.
-    pub mirror_image: Vec<u32>,
     /// Do the paths end here? Empty where none does.
     pub ended: Vec<bool>,
     /// Times in [0, 1] of the shutter interval; empty where nothing moves.
@@ -81,7 +81,7 @@ pub struct ShadowPolicy {
 
 /// The BSDFs of eight points.
 #[derive(Debug, Clone, Copy)]
-pub enum BsdfGroup<'a> {
+pub enum BsdfPacket<'a> {
     /// Full BSDFs.
     Any([&'a Bsdf; LANES]),
     /// BSDFs of the core model, for scenes that need no others.
@@ -90,7 +90,7 @@ pub enum BsdfGroup<'a> {
 
 /// Up to eight vertices, input of [`Vertices::push`].
 #[derive(Debug, Clone, Copy)]
-pub struct VertexGroup<'a> {
+pub struct VertexPacket<'a> {
     /// World space.
     pub position: V3,
     /// Geometric normals on the front side, any length.
@@ -104,7 +104,7 @@ pub struct VertexGroup<'a> {
     /// Offsets of ray origins along the geometric normals, in metres.
     pub origin_offset: F,
     /// BSDFs at the points.
-    pub bsdfs: BsdfGroup<'a>,
+    pub bsdfs: BsdfPacket<'a>,
     /// Media on the side of `wo` and beyond; read if there are columns for them.
     pub media: [U; 2],
     /// Paths that they belong to.
@@ -132,7 +132,8 @@ impl Vertices {
         }
         Bsdf::grow(&mut self.bsdf, capacity, lobes);
         grow(&mut self.origin_offset, capacity);
-        for column in [&mut self.path, &mut self.index, &mut self.ray, &mut self.seed] {
+        let Self { path, index, ray, seed, root, history, .. } = self;
+        for column in [path, index, ray, seed, root, history] {
             grow(column, capacity);
         }
         self.media = media.then(|| self.media.take().unwrap_or_default());
@@ -149,32 +150,34 @@ impl Vertices {
         self.len = 0;
     }
 
-    /// Appends a group, of which the first `n` are valid. Normalises the normals and turns them to the side of `wo`.
+    /// Appends a packet, of which the first `n` are valid. Normalises the normals and turns them to the side of `wo`.
     #[inline(always)]
-    pub fn push(&mut self, n: usize, group: &VertexGroup) {
+    pub fn push(&mut self, n: usize, packet: &VertexPacket) {
         let at = self.len;
         self.len += n;
-        let wo = group.direction * F::splat(-1.0);
-        let (ng, ns) = shading_normal::facing(group.ng, group.ns, wo);
-        self.origin.store(at, group.position + ng * group.origin_offset);
+        let wo = packet.direction * F::splat(-1.0);
+        let (ng, ns) = shading_normal::facing(packet.ng, packet.ns, wo);
+        self.origin.store(at, packet.position + ng * packet.origin_offset);
         self.ng.store(at, ng);
         self.ns.store(at, ns);
         self.wo.store(at, wo);
-        self.beta.store(at, group.beta);
-        store(&mut self.origin_offset, at, group.origin_offset);
-        store_bits(&mut self.path, at, group.path_ids.path);
-        store_bits(&mut self.index, at, group.path_ids.index);
-        store_bits(&mut self.ray, at, group.ray);
-        store_bits(&mut self.seed, at, group.path_ids.seed);
-        match group.bsdfs {
-            BsdfGroup::Any(bsdfs) => Bsdf::store(&mut self.bsdf, at, bsdfs),
-            BsdfGroup::Core(cores) => Core::store(Bsdf::core_mut(&mut self.bsdf), at, cores),
+        self.beta.store(at, packet.beta);
+        store(&mut self.origin_offset, at, packet.origin_offset);
+        store_bits(&mut self.path, at, packet.path_ids.path);
+        store_bits(&mut self.index, at, packet.path_ids.index);
+        store_bits(&mut self.ray, at, packet.ray);
+        store_bits(&mut self.seed, at, packet.path_ids.seed);
+        store_bits(&mut self.root, at, packet.path_ids.root);
+        store_bits(&mut self.history, at, packet.path_ids.history);
+        match packet.bsdfs {
+            BsdfPacket::Any(bsdfs) => Bsdf::store(&mut self.bsdf, at, bsdfs),
+            BsdfPacket::Core(cores) => Core::store(Bsdf::core_mut(&mut self.bsdf), at, cores),
         }
         if let Some(columns) = &mut self.media {
-            columns.iter_mut().zip(group.media).for_each(|(column, medium)| store_bits(column, at, medium));
+            columns.iter_mut().zip(packet.media).for_each(|(column, medium)| store_bits(column, at, medium));
         }
         if !self.time.is_empty() {
-            store(&mut self.time, at, group.path_ids.time);
+            store(&mut self.time, at, packet.path_ids.time);
         }
     }
 
@@ -226,23 +229,32 @@ impl Vertices {
     /// What shadow rays of light samples with these BSDF densities do at bodies of glass; those in the mask `beyond` cross the
     /// surface. `None` where shadow rays do not pass bodies.
     #[inline(always)]
-    pub fn shadow_policy(&self, rows: &Rows, bsdf: &impl Lobe, bsdf_pdf: F, beyond: F) -> Option<ShadowPolicy> {
-        if self.after_rough.is_empty() {
+    pub fn shadow_policy(
+        &self,
+        transport: &Transport,
+        rows: &Rows,
+        bsdf: &impl Lobe,
+        bsdf_pdf: F,
+        beyond: F,
+    ) -> Option<ShadowPolicy> {
+        if !transport.passes_bodies() {
             return None;
         }
         let passes = bsdf_pdf.simd_lt(F::splat(MIRROR_PDF));
-        let after_rough: F = cast(load_bits(&self.after_rough, rows));
-        let refracted = after_rough & beyond & !passes;
+        let refracted = RayHistory::are_after_rough(load_bits(&self.history, rows)) & beyond & !passes;
         let excluded = if refracted.any() { refracted & self.is_smooth_glass(rows, bsdf) } else { F::ZERO };
         Some(ShadowPolicy { passes, excluded })
     }
 
     /// Bits of the shadow rays that pass back faces, of light samples in whose directions the BSDFs alone have these densities, as
-    /// [`RayHistory::after`](super::history::RayHistory::after) decides of BSDF samples.
+    /// [`RayHistory::after`] decides of BSDF samples.
     #[inline(always)]
-    pub fn passes_backs(&self, rows: &Rows, bsdf_pdf: F) -> U {
-        let mirrored = cast::<F, U>(bsdf_pdf.simd_ge(F::splat(MIRROR_PDF)));
-        if self.mirror_image.is_empty() { U::ZERO } else { mirrored & load_bits(&self.mirror_image, rows) }
+    pub fn passes_backs(&self, transport: &Transport, rows: &Rows, bsdf_pdf: F) -> U {
+        if !transport.culls() {
+            return U::ZERO;
+        }
+        let mirrored = bsdf_pdf.simd_ge(F::splat(MIRROR_PDF));
+        cast(mirrored & RayHistory::are_mirror_images(load_bits(&self.history, rows)))
     }
 
     /// Times of eight vertices; 0 where nothing moves.
@@ -259,6 +271,8 @@ impl Vertices {
             index: load_bits(&self.index, rows),
             seed: load_bits(&self.seed, rows),
             time: self.times(rows),
+            root: load_bits(&self.root, rows),
+            history: load_bits(&self.history, rows),
         }
     }
 

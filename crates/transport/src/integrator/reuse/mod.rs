@@ -1,14 +1,14 @@
 //! Path re-use (Bekaert, Sbert and Halton 2002, *Accelerating Path Tracing by Re-Using Paths*): first surfaces of several pixels
 //! share what their paths find at second surfaces.
 //!
-//! N BSDF samples of first surfaces form a group. Sample k leaves x_k with density p_k and finds y_k, from where its path goes on
+//! N BSDF samples of first surfaces form a pool. Sample k leaves x_k with density p_k and finds y_k, from where its path goes on
 //! and finds the outgoing radiance L_k, without what y_k emits. In area measure p_k(y) = p_k(x_k → y) cos θ_y / |x_k − y|², and
 //! zero where x_k does not see y. By the balance heuristic over the N techniques, each x_i estimates its indirect light from all
 //! of them:
 //!
 //! I_i = Σ_j f(x_i → y_j) cos θ_i (cos θ_y / |x_i − y_j|²) V(x_i, y_j) L_j(→ x_i) / Σ_k p_k(y_j) V(x_k, y_j)
 //!
-//! A fraction q of the samples of a group goes on from y (*sparse* re-use). Groups are drawn before anything is known of y; q
+//! A fraction q of the samples of a pool goes on from y (*sparse* re-use). Pools are drawn before anything is known of y; q
 //! depends on the pair (x, y), and the divisor has q_k p_k(y). A pair takes part where `pairs` says so; the light of all others
 //! stays with its own path.
 //!
@@ -17,9 +17,11 @@
 //! more of what another has found than of its own sample. Rough lobes of y are lent. What sharp lobes scatter stays with the
 //! own path: their densities differ without bound between two x.
 
-mod groups;
 mod lenders;
 mod pairs;
+mod pools;
+
+use std::ops::Range;
 
 use glam::Vec3;
 
@@ -27,16 +29,18 @@ use super::data::context::WaveContext;
 use super::data::counts::WaveCounts;
 use super::data::path_states::NonFiniteSamples;
 use super::data::queues::{LightKind, PathRays, ShadowRays};
-use super::data::requests::RequestGroup;
+use super::data::requests::RequestPacket;
 use super::data::transport::Transport;
 use super::data::vertices::Vertices;
-use super::events::{BorrowedLight, FoundEmission, LightSampleGroup, PathEvents, ScatteredGroup, UnoccludedLight};
+use super::events::{
+    BorrowedLight, FoundEmission, LightSamplePacket, PassedWall, PathEvents, ScatteredPacket, UnoccludedLight,
+};
 use super::stages::emission::weighted_light_pdf;
-use crate::lanes::{F, LANES, NUMBERS, Rows, U, grow, load_bits, store};
+use crate::lanes::{F, LANES, Rows, U, grow, store};
 use crate::rays::HitBatch;
-use groups::Groups;
 use lenders::{Find, FirstSample, LIGHT, Lender, NEXT, NONE, PUNCTUAL};
 use pairs::Pairs;
+use pools::Pools;
 
 /// What first surfaces lend each other; one per thread.
 #[derive(Debug, Default)]
@@ -47,27 +51,25 @@ pub struct Lending {
     vertices: [Vertices; 2],
     /// By pixel, index of its first path.
     first_paths: Vec<u32>,
-    /// BSDF samples of first surfaces.
+    /// BSDF samples of first surfaces, by [`PathRays::root`].
     samples: Vec<FirstSample>,
-    groups: Groups,
-    /// By number of a ray behind those of the camera: the sample that it belongs to.
-    sample_of: Vec<u32>,
-    /// By number of a ray behind those of the camera: the lender that it belongs to, or [`NONE`].
-    lender_of: Vec<u32>,
+    pools: Pools,
     /// By row of shadow rays at second surfaces, [`Find::light_pdf`]; without meaning for punctual lights.
     light_pdf: Vec<f32>,
     lenders: Vec<Lender>,
     finds: Vec<Find>,
     pairs: Pairs,
-    /// Index in the wave of the path whose loans are listed.
-    pub watched: Option<u32>,
-    /// What it borrows, lender by lender.
+    /// Indices in the wave of the paths whose loans are listed.
+    pub watched: Range<u32>,
+    /// What they borrow, lender by lender.
     pub loans: Vec<Loan>,
 }
 
-/// Light that a path borrows from a second surface.
+/// Light that a path borrows from a second surface, or that sharp lobes of its own second surface scatter.
 #[derive(Debug, Clone, Copy)]
 pub struct Loan {
+    /// Index in the wave of the path that borrows.
+    pub to: u32,
     /// Column and row of the pixel whose path has found the second surface, and the path's number in it.
     pub from: [u32; 3],
     /// Linear RGB, as it is added to the path that borrows.
@@ -84,9 +86,7 @@ impl Lending {
     fn begin(&mut self, at: &WaveContext) {
         self.active = at.transport.proposal.reuse.is_some();
         self.samples.clear();
-        self.groups.clear();
-        self.sample_of.clear();
-        self.lender_of.clear();
+        self.pools.clear();
         self.lenders.clear();
         self.finds.clear();
         self.loans.clear();
@@ -97,29 +97,29 @@ impl Lending {
         }));
     }
 
-    /// The lender that a ray of this number belongs to.
+    /// The lender on the paths with this root.
     #[inline]
-    fn lender(&mut self, at: &WaveContext, ray: u32) -> Option<&mut Lender> {
-        self.lenders.get_mut(*self.lender_of.get((ray as usize).checked_sub(at.paths.len())?)? as usize)
+    fn lender(&mut self, root: u32) -> Option<&mut Lender> {
+        self.lenders.get_mut(self.samples.get(root as usize)?.lender as usize)
     }
 
-    /// Keeps what the lender of a ray has found at the end of a direction. False if the ray has none.
+    /// Keeps what the lender on the paths with this root has found at the end of a direction. False if there is none.
     #[inline]
-    fn find(&mut self, at: &WaveContext, ray: u32, direction: usize, (radiance, light_pdf): (Vec3, f32)) -> bool {
+    fn find(&mut self, root: u32, direction: usize, (radiance, light_pdf): (Vec3, f32)) -> bool {
         let number = self.finds.len() as u32;
-        let Some(lender) = self.lender(at, ray) else { return false };
+        let Some(lender) = self.lender(root) else { return false };
         let next = std::mem::replace(&mut lender.found, number);
         self.finds.push(Find { direction, radiance, light_pdf, next });
         true
     }
 
-    /// Marks the second surfaces that lend their light: their paths go on with a throughput of one, or end.
-    pub fn lend(&mut self, at: &WaveContext, rays: &PathRays, vertices: &mut Vertices) {
+    /// Marks the second surfaces that lend their light: their paths go on with a throughput of one, or end. Tells `clients`.
+    fn lend<E: PathEvents>(&mut self, at: &WaveContext, rays: &PathRays, vertices: &mut Vertices, clients: &mut E) {
         vertices.ended.clear();
         let Some(reuse) = at.transport.proposal.reuse.filter(|_| self.active && at.depth == 1) else { return };
         let (first, samples) = (&self.vertices[0].origin, &self.samples);
-        self.groups.form(reuse, |sample| first.get(samples[sample as usize].x as usize));
-        if self.groups.is_empty() {
+        self.pools.form(reuse, |sample| first.get(samples[sample as usize].x as usize));
+        if self.pools.is_empty() {
             return;
         }
         vertices.ended.resize(vertices.len(), false);
@@ -127,21 +127,22 @@ impl Lending {
             let [lends, sharp] = pairs::lends(vertices, &Rows::From(at_row)).map(|mask| mask.to_bitmask());
             let rows = at_row..vertices.len().min(at_row + LANES);
             for (lane, row) in rows.enumerate().filter(|(lane, _)| lends >> lane & 1 == 1) {
-                let ray = (vertices.ray[row] - rays.first) as usize;
-                let sample = &mut self.samples[self.sample_of[ray] as usize];
+                let root = vertices.root[row];
+                let sample = &mut self.samples[root as usize];
                 // Rays in rough directions pass no back faces.
+                let ray = (vertices.ray[row] - rays.first) as usize;
                 let passed = rays.passed_wall.get(ray).is_some_and(|passed| *passed);
-                let Some((place, group)) = self.groups.place(self.sample_of[ray]) else { continue };
+                let Some((place, pool)) = self.pools.place(root) else { continue };
                 if passed || !sample.rough {
                     continue;
                 }
                 let sharp = sharp >> lane & 1 == 1;
                 let distance2 =
                     vertices.origin.get(row).distance_squared(self.vertices[0].origin.get(sample.x as usize));
-                let goes_on = group.goes_on(F::splat(distance2), sharp).as_array()[0];
+                let goes_on = pool.goes_on(F::splat(distance2), sharp).as_array()[0];
+                clients.lends(at, vertices.ray[row], place.order < goes_on);
                 if place.order < goes_on {
                     sample.lender = self.lenders.len() as u32;
-                    self.lender_of[ray] = sample.lender;
                     let beta = vertices.beta.get(row);
                     self.lenders.push(Lender::new(row as u32, beta, goes_on, sharp));
                     vertices.beta.set(row, Vec3::ONE);
@@ -161,14 +162,20 @@ impl Lending {
     }
 
     /// Records the directions of first surfaces.
-    fn record_samples(&mut self, at: &WaveContext, vertices: &Vertices, group: &RequestGroup, found: &ScatteredGroup) {
-        let rows = &group.rows;
+    fn record_samples(
+        &mut self,
+        at: &WaveContext,
+        vertices: &Vertices,
+        packet: &RequestPacket,
+        found: &ScatteredPacket,
+    ) {
+        let rows = &packet.rows;
         let borrows = pairs::borrows(vertices, rows).to_bitmask();
         let rough = pairs::is_rough(at.transport, found.pdf[0], found.pdf[1]).to_bitmask();
-        let [octants, random, random2] = groups::keys(vertices, group).map(U::to_array);
-        let ids = &group.path_ids;
+        let [octants, random, random2] = pools::keys(vertices, packet).map(U::to_array);
+        let ids = &packet.path_ids;
         let (path, index) = (ids.path.to_array(), ids.index.to_array());
-        for lane in 0..group.len {
+        for lane in 0..packet.len {
             let x = match rows {
                 Rows::From(first) => (first + lane) as u32,
                 Rows::Each(rows) => rows[lane],
@@ -178,14 +185,10 @@ impl Lending {
                 let path = path[lane];
                 let pixel = at.pixel(path);
                 let (number, kind) = (path - self.first_paths[pixel], at.tasks[pixel].class << 3 | octants[lane]);
-                self.groups.add([kind, number, random[lane], random2[lane]], self.samples.len() as u32);
+                self.pools.add([kind, number, random[lane], random2[lane]], self.samples.len() as u32);
             }
             self.samples.push(FirstSample { x, path: path[lane], index: index[lane], lender: NONE, rough });
         }
-        let first = (self.samples.len() - group.len) as u32;
-        let lanes = found.survivors.compress_bits(U::from(NUMBERS)).to_array();
-        self.sample_of.extend(lanes[..found.survivors.len].iter().map(|lane| first + lane));
-        self.lender_of.extend([NONE].iter().cycle().take(found.survivors.len));
     }
 
     /// Estimates the light that first surfaces borrow, and tells the clients.
@@ -200,31 +203,34 @@ impl Lending {
         if !self.active {
             return;
         }
-        let Self { vertices, samples, groups, lenders, finds, pairs, loans, watched, .. } = self;
+        let Self { vertices, samples, pools, lenders, finds, pairs, loans, watched, .. } = self;
         let weighted = |sum: Vec3, sample: &FirstSample| {
             vertices[0].beta.get(sample.x as usize) * sum / at.paths[sample.path as usize].samples_per_path[2]
         };
         pairs.begin(samples.len());
-        for (group, members) in groups.each() {
+        for (pool, members) in pools.each() {
             let is_lit = |lender: &u32| lenders.get(*lender as usize).is_some_and(Lender::is_lit);
             let lit = members.iter().map(|member| samples[*member as usize].lender).filter(is_lit);
-            let of_watched = |path| members.iter().find(|member| samples[**member as usize].path == path);
-            let Some(borrower) = watched.and_then(of_watched) else {
-                pairs.push(group, members, lit);
+            let watches = |sample: &&u32| watched.contains(&samples[**sample as usize].path);
+            let borrowers: Vec<_> = members.iter().filter(watches).map(|sample| *sample as usize).collect();
+            if borrowers.is_empty() {
+                pairs.push(pool, members, lit);
                 if pairs.is_full() {
                     pairs.evaluate(at.transport, vertices, samples, (lenders, finds), counts);
                 }
                 continue;
-            };
+            }
             // One lender after the other, which tells them apart.
             let lit: Vec<u32> = lit.collect();
             pairs.evaluate(at.transport, vertices, samples, (lenders, finds), counts);
             for own in members.iter().map(|member| &samples[*member as usize]).filter(|own| lit.contains(&own.lender)) {
-                let before = pairs.borrowed[*borrower as usize];
-                pairs.push(group, members, [own.lender].into_iter());
+                let before: Vec<_> = borrowers.iter().map(|borrower| pairs.borrowed[*borrower]).collect();
+                pairs.push(pool, members, [own.lender].into_iter());
                 pairs.evaluate(at.transport, vertices, samples, (lenders, finds), counts);
-                let radiance = weighted(pairs.borrowed[*borrower as usize] - before, &samples[*borrower as usize]);
-                loans.push(Loan { from: at.place(own.path), radiance });
+                for (borrower, before) in borrowers.iter().zip(before) {
+                    let radiance = weighted(pairs.borrowed[*borrower] - before, &samples[*borrower]);
+                    loans.push(Loan { to: samples[*borrower].path, from: at.place(own.path), radiance });
+                }
             }
         }
         pairs.evaluate(at.transport, vertices, samples, (lenders, finds), counts);
@@ -239,6 +245,9 @@ impl Lending {
                 continue;
             }
             light[sample.path as usize] += radiance;
+            if watched.contains(&sample.path) {
+                loans.push(Loan { to: sample.path, from: at.place(sample.path), radiance: own });
+            }
             clients.borrowed(at, &BorrowedLight { path: sample.path, index: sample.index, radiance });
         }
     }
@@ -256,9 +265,23 @@ pub struct PathLight<'a, E> {
 }
 
 impl<E: PathEvents> PathLight<'_, E> {
+    /// Marks the second surfaces that lend their light.
+    pub fn lend(&mut self, at: &WaveContext, rays: &PathRays, vertices: &mut Vertices) {
+        self.lending.lend(at, rays, vertices, self.clients);
+    }
+
+    /// Counts the samples that were discarded at this depth.
+    pub fn discard(&mut self, at: &WaveContext, counts: &mut WaveCounts, samples: &mut NonFiniteSamples) {
+        for path in samples.paths.drain(..) {
+            counts.add_not_finite(at, path);
+            self.clients.not_finite(at, path);
+        }
+    }
+
     /// All paths have ended: shares what is lent.
     pub fn end(&mut self, at: &WaveContext, counts: &mut WaveCounts, non_finite: &mut NonFiniteSamples) {
         self.lending.share(at, counts, non_finite, self.radiance, self.clients);
+        self.discard(at, counts, non_finite);
         self.clients.end(at, self.radiance);
     }
 }
@@ -267,6 +290,16 @@ impl<E: PathEvents> PathEvents for PathLight<'_, E> {
     fn begin(&mut self, at: &WaveContext) {
         self.lending.begin(at);
         self.clients.begin(at);
+    }
+
+    #[inline]
+    fn rays(&mut self, at: &WaveContext, rays: &PathRays) {
+        self.clients.rays(at, rays);
+    }
+
+    #[inline]
+    fn passed_wall(&mut self, at: &WaveContext, rays: &PathRays, passed: &PassedWall) {
+        self.clients.passed_wall(at, rays, passed);
     }
 
     #[inline]
@@ -281,17 +314,17 @@ impl<E: PathEvents> PathEvents for PathLight<'_, E> {
 
     #[inline]
     fn emission(&mut self, at: &WaveContext, rays: &PathRays, found: &FoundEmission) {
-        let ray = rays.first + found.ray;
+        let root = rays.root[found.ray as usize];
         if at.depth == 2 {
             let light_pdf = weighted_light_pdf(at, rays, found.ray as usize, found.pdf);
-            if self.lending.find(at, ray, NEXT, (found.radiance, light_pdf)) {
-                return;
+            if self.lending.find(root, NEXT, (found.radiance, light_pdf)) {
+                return self.clients.lent(at, rays, found);
             }
         } else if at.depth > 2
-            && let Some(lender) = self.lending.lender(at, ray)
+            && let Some(lender) = self.lending.lender(root)
         {
             lender.beyond += found.radiance;
-            return;
+            return self.clients.lent(at, rays, found);
         }
         self.radiance[rays.path[found.ray as usize] as usize] += found.radiance;
         self.clients.emission(at, rays, found);
@@ -302,10 +335,10 @@ impl<E: PathEvents> PathEvents for PathLight<'_, E> {
         &mut self,
         at: &WaveContext,
         vertices: &Vertices,
-        group: &RequestGroup,
-        samples: &LightSampleGroup,
+        packet: &RequestPacket,
+        samples: &LightSamplePacket,
     ) {
-        self.clients.light_samples(at, vertices, group, samples);
+        self.clients.light_samples(at, vertices, packet, samples);
         let lending = &mut *self.lending;
         if lending.active && at.depth == 1 {
             grow(&mut lending.light_pdf, samples.first_row);
@@ -314,44 +347,40 @@ impl<E: PathEvents> PathEvents for PathLight<'_, E> {
     }
 
     #[inline]
-    fn scattered(&mut self, at: &WaveContext, vertices: &Vertices, group: &RequestGroup, samples: &ScatteredGroup) {
-        self.clients.scattered(at, vertices, group, samples);
+    fn scattered(&mut self, at: &WaveContext, vertices: &Vertices, packet: &RequestPacket, samples: &ScatteredPacket) {
+        self.clients.scattered(at, vertices, packet, samples);
         let lending = &mut *self.lending;
-        if !lending.active {
-            return;
-        }
-        if at.depth == 0 {
-            return lending.record_samples(at, vertices, group, samples);
-        }
-        let survivors = &samples.survivors;
-        let arrived = survivors.compress_bits(load_bits(&vertices.ray, &group.rows)).to_array();
-        let wi = survivors.compress_v3(samples.wi);
-        for (lane, ray) in arrived[..survivors.len].iter().enumerate() {
-            let lender = lending.lender_of[*ray as usize - at.paths.len()];
-            lending.lender_of.push(lender);
-            if let Some(lender) = lending.lenders.get_mut(lender as usize).filter(|_| at.depth == 1) {
-                lender.directions[NEXT] = wi.lane(lane);
+        if lending.active && at.depth == 0 {
+            lending.record_samples(at, vertices, packet, samples);
+        } else if lending.active && at.depth == 1 {
+            let survivors = &samples.survivors;
+            let (root, wi) = (survivors.compress_bits(packet.path_ids.root), survivors.compress_v3(samples.wi));
+            for (lane, root) in root.to_array()[..survivors.len].iter().enumerate() {
+                lending.lender(*root).into_iter().for_each(|lender| lender.directions[NEXT] = wi.lane(lane));
             }
         }
     }
 
     #[inline]
+    fn shadow_rays(&mut self, at: &WaveContext, shadows: &ShadowRays) {
+        self.clients.shadow_rays(at, shadows);
+    }
+
+    #[inline]
     fn unoccluded(&mut self, at: &WaveContext, shadows: &ShadowRays, found: &UnoccludedLight) {
-        let (row, ray, lending) = (found.row, shadows.ray[found.row], &mut *self.lending);
+        let (row, root, lending) = (found.row, shadows.root[found.row], &mut *self.lending);
         if at.depth == 1 {
             let (direction, light_pdf) = match shadows.kind(row) {
                 LightKind::Punctual => (PUNCTUAL, 1.0),
                 _ => (LIGHT, lending.light_pdf.get(row).copied().unwrap_or(0.0)),
             };
-            if lending.find(at, ray, direction, (found.radiance, light_pdf)) {
-                lending
-                    .lender(at, ray)
-                    .into_iter()
-                    .for_each(|own| own.directions[direction] = shadows.rays.direction(row));
+            if lending.find(root, direction, (found.radiance, light_pdf)) {
+                let wi = shadows.rays.direction(row);
+                lending.lender(root).into_iter().for_each(|own| own.directions[direction] = wi);
                 return;
             }
         } else if at.depth > 1
-            && let Some(lender) = lending.lender(at, ray)
+            && let Some(lender) = lending.lender(root)
         {
             lender.beyond += found.radiance;
             return;

@@ -10,8 +10,8 @@ use std::ops::Range;
 use glam::Vec3;
 use wide::bytemuck::cast;
 
-use super::groups::Group;
 use super::lenders::{DIRECTIONS, Find, FirstSample, Lender, NEXT, PUNCTUAL};
+use super::pools::Pool;
 use crate::bsdf::{Core, Lobe, MIN_ROUGH_ALPHA, Parameters};
 use crate::integrator::data::counts::{WaveCounts, timed};
 use crate::integrator::data::history::MIRROR_PDF;
@@ -25,8 +25,8 @@ use crate::rays::{RayBatch, RayOrder};
 
 /// Pairs of a batch, at which it is evaluated.
 const FULL: usize = 2048;
-/// Maximum times eight members of a group.
-const MAX_BLOCKS: usize = Reuse::MAX_GROUP as usize / LANES;
+/// Maximum times eight members of a pool.
+const MAX_BLOCKS: usize = Reuse::MAX_POOL as usize / LANES;
 
 /// Albedo of sharp lobes, over that of rough ones, from which a second surface counts as sharp.
 const MIN_SHARP: f32 = 0.1;
@@ -68,15 +68,15 @@ pub fn lends(vertices: &Vertices, rows: &Rows) -> [F; 2] {
     [rough & shading_normal::is_clear(ng, ns, wo), sharp]
 }
 
-/// The pairs of a group in the batch: its members and its lit lenders, as ranges of [`Pairs::members`] and [`Pairs::lenders`].
+/// The pairs of a pool in the batch: its members and its lit lenders, as ranges of [`Pairs::members`] and [`Pairs::lenders`].
 #[derive(Debug)]
 struct Batch {
     members: Range<usize>,
     lenders: Range<usize>,
-    group: Group,
+    pool: Pool,
 }
 
-/// Eight members of a group at their first surfaces. All lenders of the group meet them: they are gathered once.
+/// Eight members of a pool at their first surfaces. All lenders of the pool meet them: they are gathered once.
 struct Block<'a, B> {
     /// Mask of the lanes with a member.
     present: F,
@@ -138,15 +138,15 @@ impl Pairs {
         self.rows = 0;
     }
 
-    /// Adds all pairs of a group's `members` with those of the `lenders` that have something to lend.
-    pub fn push(&mut self, group: Group, members: &[u32], lit: impl Iterator<Item = u32>) {
+    /// Adds all pairs of a pool's `members` with those of the `lenders` that have something to lend.
+    pub fn push(&mut self, pool: Pool, members: &[u32], lit: impl Iterator<Item = u32>) {
         let starts = [self.members.len(), self.lenders.len()];
         self.lenders.extend(lit);
         let lenders = starts[1]..self.lenders.len();
         if !lenders.is_empty() {
             self.members.extend(members);
             self.rows += lenders.len() * members.len().next_multiple_of(LANES);
-            self.batch.push(Batch { members: starts[0]..self.members.len(), lenders, group });
+            self.batch.push(Batch { members: starts[0]..self.members.len(), lenders, pool });
         }
     }
 
@@ -173,14 +173,14 @@ impl Pairs {
         let batch = std::mem::take(&mut self.batch);
         let [from, to] = vertices;
         let mut row = 0;
-        for of_group in &batch {
+        for of_pool in &batch {
             let at = (transport, vertices, samples);
             let found = (&mut *lenders, &mut *finds);
             row = match (from.core(), to.core()) {
                 (Some(x), Some(y)) => {
-                    self.group(at, found, of_group, row, |rows| Core::load(x, rows), |rows| Core::load(y, rows))
+                    self.pool(at, found, of_pool, row, |rows| Core::load(x, rows), |rows| Core::load(y, rows))
                 }
-                _ => self.group(at, found, of_group, row, |rows| from.bsdf(rows), |rows| to.bsdf(rows)),
+                _ => self.pool(at, found, of_pool, row, |rows| from.bsdf(rows), |rows| to.bsdf(rows)),
             };
         }
         self.batch = batch;
@@ -195,9 +195,9 @@ impl Pairs {
             .filter(|(_, occluded)| **occluded)
             .for_each(|(pair, _)| pdf[*pair as usize] = 0.0);
         let mut start = 0;
-        for of_group in &*batch {
-            let members = &members[of_group.members.clone()];
-            for lender in &self.lenders[of_group.lenders.clone()] {
+        for of_pool in &*batch {
+            let members = &members[of_pool.members.clone()];
+            for lender in &self.lenders[of_pool.lenders.clone()] {
                 let lender = &lenders[*lender as usize];
                 let rows = start..start + members.len();
                 start = rows.start + members.len().next_multiple_of(LANES);
@@ -221,20 +221,20 @@ impl Pairs {
         self.clear();
     }
 
-    /// Evaluates the pairs of a group, whose first row is `row`; returns the row behind them.
+    /// Evaluates the pairs of a pool, whose first row is `row`; returns the row behind them.
     #[inline(never)]
-    fn group<B: Lobe>(
+    fn pool<B: Lobe>(
         &mut self,
         (transport, [from, to], samples): (&Transport, &[Vertices; 2], &[FirstSample]),
         (lenders, finds): (&mut [Lender], &mut [Find]),
-        Batch { members, lenders: of_group, group }: &Batch,
+        Batch { members, lenders: of_pool, pool }: &Batch,
         mut row: usize,
         first_bsdf: impl Fn(&Rows) -> B,
         second_bsdf: impl Fn(&Rows) -> B,
     ) -> usize {
         let members = &self.members[members.clone()];
         let [.., samples_per_path] = transport.deeper_samples_per_path();
-        for lit in self.lenders[of_group.clone()].chunks(LANES) {
+        for lit in self.lenders[of_pool.clone()].chunks(LANES) {
             let lane_of = |lane: usize| lit[lane.min(lit.len() - 1)] as usize;
             let y = Rows::Each(eight(|lane| lenders[lane_of(lane)].y));
             let (ns, wo, bsdf) = (to.ns.load(&y), to.wo.load(&y), second_bsdf(&y));
@@ -273,14 +273,14 @@ impl Pairs {
             })
         };
         let blocks: [_; MAX_BLOCKS] = std::array::from_fn(block);
-        for i in of_group.clone() {
+        for i in of_pool.clone() {
             let index = self.lenders[i];
             let lender = &lenders[index as usize];
             let y = Rows::Each([lender.y; LANES]);
             let (position, ng, ns) = (to.origin.load(&y), to.ng.load(&y), to.ns.load(&y));
             let second = Second { lender, index, position, ng, ns, bsdf: second_bsdf(&y) };
             for block in blocks.iter().flatten() {
-                self.eight(transport, group, block, &second, row);
+                self.eight(transport, pool, block, &second, row);
                 row += LANES;
             }
         }
@@ -289,7 +289,7 @@ impl Pairs {
 
     /// Evaluates eight pairs.
     #[inline(always)]
-    fn eight<B: Lobe>(&mut self, transport: &Transport, group: &Group, x: &Block<B>, y: &Second<B>, row: usize) {
+    fn eight<B: Lobe>(&mut self, transport: &Transport, pool: &Pool, x: &Block<B>, y: &Second<B>, row: usize) {
         let way = y.position - x.origin;
         let distance2 = way.length_squared();
         let wi = way.normalize_or(V3::ZERO);
@@ -306,7 +306,7 @@ impl Pairs {
             & is_rough(transport, pdf, bsdf_pdf)
             & shading_normal::is_clear(y.ng, y.ns, wo);
         let to_area = cos_y / distance2;
-        let goes_on = group.goes_on(distance2, y.lender.sharp);
+        let goes_on = pool.goes_on(distance2, y.lender.sharp);
         store(&mut self.pdf, row, takes_part & (pdf * to_area * goes_on));
         let weight = f * to_area;
         for i in (0..DIRECTIONS).filter(|i| y.lender.directions[*i] != Vec3::ZERO) {

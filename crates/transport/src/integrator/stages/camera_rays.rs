@@ -3,6 +3,7 @@
 use glam::Vec3;
 
 use crate::integrator::data::dimensions;
+use crate::integrator::data::history::RayHistory;
 use crate::integrator::data::queues::{PathIds, PathRays};
 use crate::integrator::data::task::PixelTask;
 use crate::integrator::data::transport::Transport;
@@ -22,7 +23,7 @@ pub fn begin(transport: &Transport, tasks: &[PixelTask], rays: &mut PathRays) {
             let index = U::splat(task.first_path + i) + U::from(NUMBERS);
             let path = U::splat(rays.len as u32) + U::from(NUMBERS);
             let (ray, time) = camera_ray(transport, [task.x, task.y], seed, index);
-            let path_ids = PathIds { path, index, seed, time };
+            let path_ids = PathIds { path, index, seed, time, root: U::ZERO, history: U::splat(RayHistory::CAMERA.0) };
             rays.push(n, ray, keys(seed, index, dimensions::CAMERA), V3::splat(Vec3::ONE), V3::ZERO, F::ZERO, path_ids);
             clip(transport, rays, n);
         }

@@ -39,8 +39,8 @@ fn emissive_surfaces(
     let transport = at.transport;
     let emission = |ray: usize, radiance: Vec3, pdf: f32| {
         let kind = LightKind::Area;
-        let group = transport.group(kind, |groups| groups.hit(hits.primitive(ray)));
-        FoundEmission { ray: ray as u32, radiance, pdf: [0.0, pdf], kind, group }
+        let layer = transport.layer(kind, |layers| layers.hit(hits.primitive(ray)));
+        FoundEmission { ray: ray as u32, radiance, pdf: [0.0, pdf], kind, layer }
     };
     for ray in emissive.iter().map(|&ray| ray as usize) {
         let history = rays.history(ray);
@@ -84,7 +84,7 @@ fn environment(
         return;
     }
     let kind = LightKind::Environment;
-    let group = transport.group(kind, |groups| groups.environment);
+    let layer = transport.layer(kind, |layers| layers.environment);
     for first in (0..escaped.len()).step_by(LANES) {
         let (rows, n) = eight_of(escaped, first);
         let (radiance, pdf) = transport.lights.environment(rays.rays.directions(&rows), &transport.proposal.lights);
@@ -95,7 +95,7 @@ fn environment(
                 continue;
             }
             let pdf = if depth == 0 { 0.0 } else { pdf.as_array()[lane] };
-            let emission = FoundEmission { ray: row, radiance: radiance.lane(lane), pdf: [pdf, 0.0], kind, group };
+            let emission = FoundEmission { ray: row, radiance: radiance.lane(lane), pdf: [pdf, 0.0], kind, layer };
             found.extend(weighted(emission, at, rays, non_finite));
         }
     }

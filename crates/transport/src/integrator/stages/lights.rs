@@ -10,10 +10,10 @@ use crate::integrator::data::context::WaveContext;
 use crate::integrator::data::dimensions;
 use crate::integrator::data::path_states::{NonFiniteSamples, clamp_contribution};
 use crate::integrator::data::queues::{LightKind, LightNumber, ShadowRays};
-use crate::integrator::data::requests::RequestGroup;
+use crate::integrator::data::requests::RequestPacket;
 use crate::integrator::data::transport::Transport;
 use crate::integrator::data::vertices::Vertices;
-use crate::integrator::events::{LightSampleGroup, PathEvents, UnoccludedLight};
+use crate::integrator::events::{LightSamplePacket, PathEvents, UnoccludedLight};
 use crate::lanes::{F, LANES, Survivors, U, V3, load, load_bits, mask};
 use crate::light::samples::SIZED;
 use crate::light::{LightSampleContext, LightSamples, punctual};
@@ -34,14 +34,14 @@ pub fn sample<E: PathEvents>(
     shadows.open(transport, requests.count() + punctual);
     if transport.lights.has_extent() {
         for first in (0..requests.count()).step_by(LANES) {
-            let group = requests.group(transport, vertices, at.paths, first);
-            let samples = sample_group(at, vertices, &group, non_finite, shadows);
-            events.light_samples(at, vertices, &group, &samples);
+            let packet = requests.packet(transport, vertices, at.paths, first);
+            let samples = sample_packet(at, vertices, &packet, non_finite, shadows);
+            events.light_samples(at, vertices, &packet, &samples);
         }
     }
     for first in (0..punctual).step_by(LANES) {
-        let group = one_per_vertex(transport, vertices, first);
-        sample_punctual(transport, depth, vertices, &group, non_finite, shadows);
+        let packet = one_per_vertex(transport, vertices, first);
+        sample_punctual(transport, depth, vertices, &packet, non_finite, shadows);
     }
     shadows.close();
 }
@@ -56,18 +56,18 @@ pub fn unoccluded<E: PathEvents>(at: &WaveContext, shadows: &ShadowRays, events:
     }
 }
 
-/// [`sample_extended`] with the BSDFs of the group's vertices.
+/// [`sample_extended`] with the BSDFs of the packet's vertices.
 #[inline(never)]
-fn sample_group(
+fn sample_packet(
     at: &WaveContext,
     vertices: &Vertices,
-    group: &RequestGroup,
+    packet: &RequestPacket,
     non_finite: &mut NonFiniteSamples,
     shadows: &mut ShadowRays,
-) -> LightSampleGroup {
+) -> LightSamplePacket {
     match vertices.core() {
-        Some(columns) => sample_extended(at, vertices, &Core::load(columns, &group.rows), group, non_finite, shadows),
-        None => sample_extended(at, vertices, &vertices.bsdf(&group.rows), group, non_finite, shadows),
+        Some(columns) => sample_extended(at, vertices, &Core::load(columns, &packet.rows), packet, non_finite, shadows),
+        None => sample_extended(at, vertices, &vertices.bsdf(&packet.rows), packet, non_finite, shadows),
     }
 }
 
@@ -77,15 +77,15 @@ fn sample_extended(
     at: &WaveContext,
     vertices: &Vertices,
     bsdf: &impl Lobe,
-    group: &RequestGroup,
+    packet: &RequestPacket,
     non_finite: &mut NonFiniteSamples,
     shadows: &mut ShadowRays,
-) -> LightSampleGroup {
+) -> LightSamplePacket {
     let WaveContext { transport, depth, .. } = *at;
-    let (rows, id) = (&group.rows, &group.path_ids);
+    let (rows, id) = (&packet.rows, &packet.path_ids);
     let [choice, u, v, _] = samples(id.seed, id.index, dimensions::light(depth));
-    let [a_env, a_area, a_b] = group.samples_per_path;
-    let (is_environment, choice) = select_environment(transport, group.target, choice);
+    let [a_env, a_area, a_b] = packet.samples_per_path;
+    let (is_environment, choice) = select_environment(transport, packet.target, choice);
     let transmits = bsdf.transmits();
     let (p, n) = (vertices.origin.load(rows), vertices.light_sampling_normals(rows, transmits));
     // Rays that cross the surface begin beyond it.
@@ -108,9 +108,9 @@ fn sample_extended(
     }
     let found = Found { number: numbers(kind, &light), light, radiance, bsdf_pdf, own_pdf };
     let (survivors, first_row, radiance) =
-        push_shadow_rays(transport, depth, vertices, bsdf, group, &found, (non_finite, shadows));
+        push_shadow_rays(transport, depth, vertices, bsdf, packet, &found, (non_finite, shadows));
     let emitter = light.emitter;
-    LightSampleGroup { survivors, first_row, is_environment, from: (p, n), emitter, weighted_pdf, bsdf_pdf, radiance }
+    LightSamplePacket { survivors, first_row, is_environment, from: (p, n), emitter, weighted_pdf, bsdf_pdf, radiance }
 }
 
 /// One sample of the punctual lights for each of eight vertices. BSDF samples never hit them, so there is no MIS weight.
@@ -119,11 +119,11 @@ fn sample_punctual(
     transport: &Transport,
     depth: u32,
     vertices: &Vertices,
-    group: &RequestGroup,
+    packet: &RequestPacket,
     non_finite: &mut NonFiniteSamples,
     shadows: &mut ShadowRays,
 ) {
-    let (rows, id) = (&group.rows, &group.path_ids);
+    let (rows, id) = (&packet.rows, &packet.path_ids);
     let [.., choice] = samples(id.seed, id.index, dimensions::light(depth));
     let p = vertices.origin.load(rows) - vertices.ng.load(rows) * load(&vertices.origin_offset, rows);
     let context = LightSampleContext { scene: transport.scene, time: id.time, p, origin_error: F::ZERO, n: V3::ZERO };
@@ -133,7 +133,7 @@ fn sample_punctual(
     let radiance = vertices.beta.load(rows) * value * light.radiance;
     let number = numbers(U::splat(LightKind::Punctual as u32), &light);
     let found = Found { light, radiance, bsdf_pdf, own_pdf: bsdf_pdf, number };
-    push_shadow_rays(transport, depth, vertices, &bsdf, group, &found, (non_finite, shadows));
+    push_shadow_rays(transport, depth, vertices, &bsdf, packet, &found, (non_finite, shadows));
 }
 
 /// [`LightNumber`] of eight light samples of these kinds.
@@ -161,31 +161,31 @@ fn push_shadow_rays(
     depth: u32,
     vertices: &Vertices,
     bsdf: &impl Lobe,
-    group: &RequestGroup,
+    packet: &RequestPacket,
     found: &Found,
     (non_finite, shadows): (&mut NonFiniteSamples, &mut ShadowRays),
 ) -> (Survivors, usize, V3) {
-    let (rows, id) = (&group.rows, &group.path_ids);
+    let (rows, id) = (&packet.rows, &packet.path_ids);
     let Found { light, bsdf_pdf, own_pdf, number, .. } = *found;
     let spawned = vertices.spawn_rays(rows, bsdf.transmits(), light.wi);
     let medium = vertices.media(rows, spawned.beyond);
-    let bodies = vertices.shadow_policy(rows, bsdf, bsdf_pdf, spawned.beyond);
+    let bodies = vertices.shadow_policy(transport, rows, bsdf, bsdf_pdf, spawned.beyond);
     let radiance = match bodies {
         Some(_) => found.radiance,
         None => media::attenuated(transport, found.radiance, medium, light.distance),
     };
     let allowed = bodies.map_or(spawned.allowed, |bodies| spawned.allowed & !bodies.excluded);
-    let valid = mask(group.len) & light.pdf.simd_gt(F::ZERO) & allowed;
+    let valid = mask(packet.len) & light.pdf.simd_gt(F::ZERO) & allowed;
     let finite = radiance.is_finite();
     non_finite.add_lanes((valid & !finite).to_bitmask(), id.path);
     let alive = valid & radiance.max_element().simd_gt(F::ZERO) & finite;
     let key = hashes(keys(id.seed, id.index, dimensions::light(depth)));
-    let (ray, ids) = ((spawned.origin, light.wi), [id.path, load_bits(&vertices.ray, rows), number]);
+    let (ray, ids) = ((spawned.origin, light.wi), [id.path, load_bits(&vertices.ray, rows), id.root, number]);
     let (survivors, first_row) = (Survivors::of(alive), shadows.len);
     if let Some(bodies) = bodies {
         shadows.set_bodies(&survivors, cast(bodies.passes), medium.unwrap_or(U::ZERO));
     }
-    shadows.set_backs(&survivors, vertices.passes_backs(rows, own_pdf));
+    shadows.set_backs(&survivors, vertices.passes_backs(transport, rows, own_pdf));
     shadows.push(&survivors, ray, light.end, (key, id.time), radiance, ids);
     (survivors, first_row, radiance)
 }

@@ -4,7 +4,7 @@
 use crate::integrator::data::dimensions::{self, AREA_LIGHT_INDEX};
 use crate::integrator::data::path_states::PathState;
 use crate::integrator::data::queues::PathIds;
-use crate::integrator::data::requests::{LightTarget, RequestGroup};
+use crate::integrator::data::requests::{LightTarget, RequestPacket};
 use crate::integrator::data::task::PixelTask;
 use crate::integrator::data::transport::Transport;
 use crate::integrator::data::vertices::Vertices;
@@ -73,7 +73,7 @@ impl Requests {
         self.end();
     }
 
-    /// Orders light samples of the environment before those of area lights: a mixed group of eight costs as much as one of
+    /// Orders light samples of the environment before those of area lights: a mixed packet of eight costs as much as one of
     /// each kind.
     fn partition_by_target(&mut self, transport: &Transport, depth: u32, vertices: &Vertices) {
         if !self.uses_list {
@@ -150,7 +150,7 @@ impl Requests {
 
     /// Up to eight samples from number `at` on.
     #[inline(never)]
-    pub fn group(&self, transport: &Transport, vertices: &Vertices, paths: &[PathState], at: usize) -> RequestGroup {
+    pub fn packet(&self, transport: &Transport, vertices: &Vertices, paths: &[PathState], at: usize) -> RequestPacket {
         if !self.uses_list {
             return one_per_vertex(transport, vertices, at);
         }
@@ -167,7 +167,8 @@ impl Requests {
             let probability = vertices.roulette(transport, &rows).map_or(F::ONE, |[light, _]| light);
             [probability * a_env, probability * a_area, a_b]
         };
-        RequestGroup {
+        RequestPacket {
+            first: at,
             path_ids: PathIds { index: U::from(eight(|lane| request[lane].index)), ..vertices.path_ids(&rows) },
             target: U::from(eight(|lane| request[lane].target as u32)),
             len,
@@ -180,11 +181,11 @@ impl Requests {
     #[inline(always)]
     fn eight_from(&self, at: usize) -> ([SampleRequest; LANES], usize) {
         let list = &self.list[at..self.list.len().min(at + LANES)];
-        let group = match list.first_chunk() {
+        let packet = match list.first_chunk() {
             Some(all) => *all,
             None => eight(|lane| list[lane.min(list.len() - 1)]),
         };
-        (group, list.len())
+        (packet, list.len())
     }
 }
 
@@ -199,9 +200,10 @@ pub fn select_environment(transport: &Transport, target: U, choice: F) -> (F, F)
 
 /// One sample for each of up to eight vertices from `at` on.
 #[inline(always)]
-pub fn one_per_vertex(transport: &Transport, vertices: &Vertices, at: usize) -> RequestGroup {
+pub fn one_per_vertex(transport: &Transport, vertices: &Vertices, at: usize) -> RequestPacket {
     let rows = Rows::From(at);
-    RequestGroup {
+    RequestPacket {
+        first: at,
         path_ids: vertices.path_ids(&rows),
         target: U::splat(LightTarget::Random as u32),
         len: LANES.min(vertices.len() - at),

@@ -5,12 +5,13 @@ use super::requests::Requests;
 use crate::bsdf::{Core, Lobe, Parameters};
 use crate::integrator::data::context::WaveContext;
 use crate::integrator::data::dimensions;
+use crate::integrator::data::history::{Bounces, MIRROR_PDF, RayHistory};
 use crate::integrator::data::path_states::NonFiniteSamples;
 use crate::integrator::data::queues::{PathIds, PathRays};
-use crate::integrator::data::requests::RequestGroup;
+use crate::integrator::data::requests::RequestPacket;
 use crate::integrator::data::vertices::Vertices;
-use crate::integrator::events::{PathEvents, ScatteredGroup};
-use crate::lanes::{F, LANES, Survivors, grow, mask, store, store_bits};
+use crate::integrator::events::{PathEvents, ScatteredPacket};
+use crate::lanes::{F, LANES, NUMBERS, Survivors, U, grow, mask, store, store_bits};
 use crate::sampling::{keys, samples};
 
 /// Russian roulette begins after this many path segments.
@@ -36,51 +37,51 @@ pub fn sample<E: PathEvents>(
         grow(&mut next.light_probability, requests.count());
     }
     for first in (0..requests.count()).step_by(LANES) {
-        let group = requests.group(at.transport, vertices, at.paths, first);
-        let samples = sample_group(at, vertices, &group, non_finite, next);
-        events.scattered(at, vertices, &group, &samples);
+        let packet = requests.packet(at.transport, vertices, at.paths, first);
+        let samples = sample_packet(at, vertices, &packet, non_finite, next);
+        events.scattered(at, vertices, &packet, &samples);
     }
     next.close();
 }
 
-/// [`one_group`] with the BSDFs of the group's vertices.
+/// [`one_packet`] with the BSDFs of the packet's vertices.
 #[inline(never)]
-fn sample_group(
+fn sample_packet(
     at: &WaveContext,
     vertices: &Vertices,
-    group: &RequestGroup,
+    packet: &RequestPacket,
     non_finite: &mut NonFiniteSamples,
     next: &mut PathRays,
-) -> ScatteredGroup {
+) -> ScatteredPacket {
     match vertices.core() {
-        Some(columns) => one_group(at, vertices, &Core::load(columns, &group.rows), group, non_finite, next),
-        None => one_group(at, vertices, &vertices.bsdf(&group.rows), group, non_finite, next),
+        Some(columns) => one_packet(at, vertices, &Core::load(columns, &packet.rows), packet, non_finite, next),
+        None => one_packet(at, vertices, &vertices.bsdf(&packet.rows), packet, non_finite, next),
     }
 }
 
 #[inline(never)]
-fn one_group(
+fn one_packet(
     at: &WaveContext,
     vertices: &Vertices,
     bsdf: &impl Lobe,
-    group: &RequestGroup,
+    packet: &RequestPacket,
     non_finite: &mut NonFiniteSamples,
     next: &mut PathRays,
-) -> ScatteredGroup {
+) -> ScatteredPacket {
     let WaveContext { transport, depth, .. } = *at;
-    let (rows, id) = (&group.rows, &group.path_ids);
+    let (rows, id) = (&packet.rows, &packet.path_ids);
     let [lobe, u, v, survive] = samples(id.seed, id.index, dimensions::bsdf(depth));
     let transmits = bsdf.transmits();
     let (ns, wo) = (vertices.ns.load(rows), vertices.wo.load(rows));
     let mixture = Mixture::at(transport, vertices, rows);
     let MixtureSample { sample, pdfs } = mixture::sample(mixture.as_ref(), bsdf, ns, wo, [lobe, u, v]);
-    let weighted_pdf = group.samples_per_path[2] * sample.pdf;
+    let weighted_pdf = packet.samples_per_path[2] * sample.pdf;
     let spawned = vertices.spawn_rays(rows, transmits, sample.wi);
     let mut beta = vertices.beta.load(rows) * sample.value * (F::ONE / weighted_pdf);
-    let valid = mask(group.len) & sample.pdf.simd_gt(F::ZERO) & spawned.allowed;
+    let valid = mask(packet.len) & sample.pdf.simd_gt(F::ZERO) & spawned.allowed;
     let finite = beta.is_finite();
     non_finite.add_lanes((valid & !finite).to_bitmask(), id.path);
-    let mut alive = valid & beta.max_element().simd_gt(F::ZERO) & finite;
+    let (mut alive, mut ended) = (valid & beta.max_element().simd_gt(F::ZERO) & finite, F::ZERO);
     let roulette = vertices.roulette(transport, rows).filter(|_| depth > 0);
     let keep = match roulette {
         Some([_, on]) => Some(on),
@@ -88,7 +89,8 @@ fn one_group(
         None => Some((beta.max_element() * F::splat(ROULETTE_GAIN)).fast_min(F::ONE)),
     };
     if let Some(keep) = keep {
-        alive &= keep.simd_gt(survive);
+        let survives = keep.simd_gt(survive);
+        (alive, ended) = (alive & survives, alive & !survives);
         beta = beta * keep.simd_ge(F::ONE).select(F::ONE, F::ONE / keep);
     }
     let survivors = Survivors::of(alive);
@@ -97,7 +99,13 @@ fn one_group(
         store(&mut next.light_probability, next.len, survivors.compress(light));
     }
     let (seed, time) = (survivors.compress_bits(id.seed), survivors.compress(id.time));
-    let path_ids = PathIds { path, index, seed, time };
+    let root = if depth == 0 { U::splat(packet.first as u32) + U::from(NUMBERS) } else { id.root };
+    let mut bounces = Bounces { pdf: sample.pdf, bsdf_pdf: pdfs[0], beyond: spawned.beyond, smooth: F::ZERO };
+    if transport.materials.has_smooth_bodies && (sample.pdf.simd_ge(F::splat(MIRROR_PDF)) | spawned.beyond).any() {
+        bounces.smooth = vertices.is_smooth_glass(rows, bsdf);
+    }
+    let history = survivors.compress_bits(RayHistory::after(id.history, transport, &bounces));
+    let path_ids = PathIds { path, index, seed, time, root: survivors.compress_bits(root), history };
     let ray = (survivors.compress_v3(spawned.origin), survivors.compress_v3(sample.wi));
     let key = survivors.compress_bits(keys(id.seed, id.index, dimensions::bsdf(depth)));
     let (beta, normal) =
@@ -108,5 +116,6 @@ fn one_group(
     let first_ray = next.first + next.len as u32;
     next.push(survivors.len, ray, key, beta, normal, survivors.compress(weighted_pdf), path_ids);
     let roulette = [roulette.map_or(F::ONE, |[light, _]| light), keep.unwrap_or(F::ONE)];
-    ScatteredGroup { survivors, first_ray, wi: sample.wi, pdf: [sample.pdf, pdfs[0], pdfs[1]], roulette }
+    let pdf = [sample.pdf, pdfs[0], pdfs[1]];
+    ScatteredPacket { survivors, first_ray, wi: sample.wi, pdf, roulette, ended }
 }

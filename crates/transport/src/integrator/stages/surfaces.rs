@@ -5,9 +5,9 @@ use glam::Vec3;
 use super::eight_of;
 use crate::bsdf::Surface;
 use crate::integrator::data::dimensions;
-use crate::integrator::data::queues::{PathIds, PathRays, SortedHits};
+use crate::integrator::data::queues::{PathRays, SortedHits};
 use crate::integrator::data::transport::Transport;
-use crate::integrator::data::vertices::{BsdfGroup, VertexGroup, Vertices};
+use crate::integrator::data::vertices::{BsdfPacket, VertexPacket, Vertices};
 use crate::integrator::surface::dispersion;
 use crate::integrator::surface::geometry::SurfacePoint;
 use crate::lanes::{F, LANES, NUMBERS, Rows, U, V3, eight, load, load_bits};
@@ -42,22 +42,22 @@ fn constant(transport: &Transport, list: &[u32], at: usize, rays: &PathRays, hit
         false => 0,
     };
     let back_facing = |lane: usize| back_facing >> lane & 1 == 1;
-    let group = VertexGroup {
+    let packet = VertexPacket {
         position: points.position,
         ng: points.ng,
         ns: points.ns,
         direction,
         beta: rays.beta.load(&rows),
         origin_offset: points.origin_offset,
-        bsdfs: BsdfGroup::Any(eight(|lane| transport.materials.constant_bsdf(mesh[lane], back_facing(lane)))),
+        bsdfs: BsdfPacket::Any(eight(|lane| transport.materials.constant_bsdf(mesh[lane], back_facing(lane)))),
         media: media(transport, rays, &rows, n, |lane| {
             let hit = Primitive { instance: instance[lane], mesh: mesh[lane], prim: prim[lane] };
             (hit, points.position.lane(lane), points.ng.lane(lane), points.origin_offset.as_array()[lane])
         }),
-        path_ids: path_ids(rays, &rows),
+        path_ids: rays.path_ids(&rows),
         ray: numbers(rays, &rows),
     };
-    vertices.push(n, &group);
+    vertices.push(n, &packet);
 }
 
 /// Appends vertices on surfaces whose BSDF is evaluated point by point.
@@ -72,7 +72,7 @@ fn varying(transport: &Transport, list: &[u32], at: usize, rays: &PathRays, hits
         let point = &points[lane];
         (hits.primitive(each[lane] as usize), point.position, point.ng, point.origin_offset)
     });
-    let group_of = |beta, bsdfs| VertexGroup {
+    let packet_of = |beta, bsdfs| VertexPacket {
         position: V3::gather(points.map(|p| p.position)),
         ng: V3::gather(points.map(|p| p.ng)),
         ns: V3::gather(points.map(|p| p.ns)),
@@ -81,14 +81,14 @@ fn varying(transport: &Transport, list: &[u32], at: usize, rays: &PathRays, hits
         origin_offset: F::from(points.map(|p| p.origin_offset)),
         bsdfs,
         media,
-        path_ids: path_ids(rays, &rows),
+        path_ids: rays.path_ids(&rows),
         ray: numbers(rays, &rows),
     };
     let beta = rays.beta.load(&rows);
     if vertices.core().is_some() {
         let cores = eight(|lane| points[lane].core(transport.scene));
-        let group = group_of(beta, BsdfGroup::Core(cores.each_ref()));
-        return vertices.push(n, &group);
+        let packet = packet_of(beta, BsdfPacket::Core(cores.each_ref()));
+        return vertices.push(n, &packet);
     }
     let seen = eight(|lane| points[lane].surface_from(transport.scene, rays.rays.direction(each[lane] as usize)));
     let (seen, beta) =
@@ -97,8 +97,8 @@ fn varying(transport: &Transport, list: &[u32], at: usize, rays: &PathRays, hits
         let stacks = media.map(|side| side.to_array()[lane]);
         transport.materials.relative(seen[lane], hits.mesh[each[lane] as usize], stacks).bsdf()
     });
-    let group = group_of(beta, BsdfGroup::Any(bsdfs.each_ref()));
-    vertices.push(n, &group);
+    let packet = packet_of(beta, BsdfPacket::Any(bsdfs.each_ref()));
+    vertices.push(n, &packet);
 }
 
 /// Applies dispersion: surfaces and throughputs of the colour channel that each path chooses.
@@ -143,16 +143,6 @@ fn media(
         transport.media_at_hit(hit, media[lane], (direction.lane(lane), time[lane]), (position, ng, offset))
     });
     [0, 1].map(|side| U::from(eight(|lane| sides[lane][side])))
-}
-
-#[inline(always)]
-fn path_ids(rays: &PathRays, rows: &Rows) -> PathIds {
-    PathIds {
-        path: load_bits(&rays.path, rows),
-        index: load_bits(&rays.index, rows),
-        seed: load_bits(&rays.seed, rows),
-        time: rays.rays.times(rows),
-    }
 }
 
 /// Numbers in the wave of eight rays.

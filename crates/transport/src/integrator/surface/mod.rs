@@ -4,4 +4,4 @@ pub mod dispersion;
 pub mod geometry;
 pub mod materials;
 pub mod media;
-pub(super) mod shading_normal;
+pub mod shading_normal;

@@ -3,7 +3,7 @@
 //! Where the silhouette of a light crosses a pixel, whether a camera ray meets the light or not is most of a path's variance. A
 //! camera ray that ends there costs a fraction of a path. So in such pixels the emission that a path sees directly is the mean
 //! over several camera rays of their own (splitting), and its own camera ray finds all other light only. Means do not change;
-//! statistics of paths, AOVs and light groups include the mean as the path's emission.
+//! statistics of paths, AOVs and light layers include the mean as the path's emission.
 
 use glam::Vec3;
 
@@ -11,6 +11,7 @@ use super::passing::Passing;
 use crate::integrator::data::context::WaveContext;
 use crate::integrator::data::counts::{WaveCounts, timed};
 use crate::integrator::data::dimensions;
+use crate::integrator::data::history::RayHistory;
 use crate::integrator::data::path_states::NonFiniteSamples;
 use crate::integrator::data::queues::{PathIds, PathRays, SortedHits};
 use crate::integrator::events::{FoundEmission, PathEvents};
@@ -84,7 +85,7 @@ impl EmissionRays {
         let path = U::from(NUMBERS.map(|lane| first_path + (first + lane) / per_path));
         let (ray, time) = camera_ray(at.transport, [task.x, task.y], seed, index);
         let beta = V3::splat(Vec3::splat(1.0 / per_path as f32));
-        let path_ids = PathIds { path, index, seed, time };
+        let path_ids = PathIds { path, index, seed, time, root: U::ZERO, history: U::splat(RayHistory::CAMERA.0) };
         self.rays.push(n, ray, keys(seed, index, dimensions::CAMERA), beta, V3::ZERO, F::ZERO, path_ids);
         clip(at.transport, &mut self.rays, n);
     }
@@ -104,7 +105,7 @@ impl EmissionRays {
         counts.emission_rays += rays.len as u64;
         timed(counts, || transport.rays.closest_hits(&rays.rays, RayOrder::Coherent, hits));
         passing.pass_back_faces(transport, rays, hits);
-        passing.pass_thin_walls(at, rays, hits);
+        passing.pass_thin_walls(at, rays, hits, &mut ());
         sort::sort(transport, at.depth, rays, hits, sorted);
         media::attenuate(transport, at.depth, rays, hits);
         emission::find(at, sorted, rays, hits, found, non_finite, clients);

@@ -15,6 +15,7 @@ use glam::Vec3;
 use super::thin_walls::{ThinWalls, is_wall};
 use crate::integrator::data::context::WaveContext;
 use crate::integrator::data::dimensions::MAX_WALLS;
+use crate::integrator::data::history::RayHistory;
 use crate::integrator::data::path_states::NonFiniteSamples;
 use crate::integrator::data::queues::{PathRays, SortedHits};
 use crate::integrator::data::transport::Transport;
@@ -51,9 +52,9 @@ impl GlassShadows {
         if at.depth == 0 || !transport.passes_bodies() {
             return;
         }
-        let is_rough = |row: usize| rays.history[row].is_rough();
+        let is_rough = |row: usize| RayHistory(rays.history[row]).is_rough();
         let culls = transport.culls();
-        let passes_backs = |row: usize| culls && rays.history[row].is_mirror_image();
+        let passes_backs = |row: usize| culls && RayHistory(rays.history[row]).is_mirror_image();
         self.hits.copy_from(hits);
         self.beta.copy_from(&rays.beta);
         let medium = transport.materials.tracks_media.then(|| &rays.medium[..rays.len]);

@@ -4,7 +4,6 @@
 pub mod back_faces;
 pub mod emission_rays;
 pub mod glass_shadows;
-pub mod history;
 pub mod passing;
 pub mod sized_lights;
 pub mod thin_walls;
@@ -18,7 +17,6 @@ use super::events::PathEvents;
 use crate::rays::HitBatch;
 use emission_rays::EmissionRays;
 use glass_shadows::GlassShadows;
-use history::Histories;
 use passing::Passing;
 use sized_lights::SizedLightHits;
 
@@ -57,7 +55,7 @@ impl Through {
         if at.depth == 0 {
             clients.hits(at, rays, hits);
         }
-        self.passing.pass_thin_walls(at, rays, hits);
+        self.passing.pass_thin_walls(at, rays, hits, clients);
         if at.depth > 0 {
             clients.hits(at, rays, hits);
         } else if at.transport.materials.has_thin_walls {
@@ -78,11 +76,6 @@ impl Through {
         if at.depth == 0 {
             self.emission_rays.trace(at, sorted, &mut self.passing, non_finite, clients, counts);
         }
-    }
-
-    /// The histories of rays, a client.
-    pub fn histories(&mut self) -> &mut Histories {
-        &mut self.passing.histories
     }
 
     /// Tests which shadow rays are occluded, and attenuates the others by what they pass.

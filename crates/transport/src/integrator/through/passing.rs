@@ -1,33 +1,36 @@
 //! Surfaces that rays pass on their way.
 
-use super::history::Histories;
 use super::thin_walls::ThinWalls;
 use crate::integrator::data::context::WaveContext;
 use crate::integrator::data::queues::PathRays;
 use crate::integrator::data::transport::Transport;
+use crate::integrator::events::PathEvents;
 use crate::rays::HitBatch;
 
 /// Takes rays through back faces and thin walls; one per thread.
 #[derive(Debug, Default)]
 pub struct Passing {
-    /// Those of all rays.
-    pub histories: Histories,
     /// Also of shadow rays.
     pub walls: ThinWalls,
 }
 
 impl Passing {
-    /// Fills the histories of rays, and replaces the hits of those that meet back faces.
-    pub fn pass_back_faces(&mut self, transport: &Transport, rays: &mut PathRays, hits: &mut HitBatch) {
-        self.histories.fill(rays);
+    /// Replaces the hits of rays that meet back faces.
+    pub fn pass_back_faces(&mut self, transport: &Transport, rays: &PathRays, hits: &mut HitBatch) {
         let passes = |row: usize| rays.passes_backs(transport, row);
         self.walls.back_faces.resolve(transport, &rays.rays, &passes, hits);
     }
 
-    /// Takes rays through thin walls, and through the back faces behind them.
-    pub fn pass_thin_walls(&mut self, at: &WaveContext, rays: &mut PathRays, hits: &mut HitBatch) {
+    /// Takes rays through thin walls, and through the back faces behind them, and tells `clients`.
+    pub fn pass_thin_walls<E: PathEvents>(
+        &mut self,
+        at: &WaveContext,
+        rays: &mut PathRays,
+        hits: &mut HitBatch,
+        clients: &mut E,
+    ) {
         if at.transport.materials.has_thin_walls {
-            self.walls.pass(at, rays, hits);
+            self.walls.pass(at, rays, hits, &mut |rays, passed| clients.passed_wall(at, rays, passed));
         }
     }
 }

@@ -34,7 +34,6 @@ impl SizedLightHits {
         counts: &mut WaveCounts,
     ) {
         let Some(sized) = at.transport.lights.sized.as_ref().filter(|_| at.depth > 0) else { return };
-        passing.histories.fill(rays);
         self.list(at, sized, rays);
         if self.found.is_empty() {
             return;
@@ -46,8 +45,8 @@ impl SizedLightHits {
         for (row, (ray, hit)) in self.found.iter().enumerate().filter(|(row, _)| !self.shadows.occluded[*row]) {
             let (radiance, _) = clamp_contribution(self.shadows.radiance.get(row), limit);
             let kind = LightKind::Sized;
-            let group = at.transport.group(kind, |groups| groups.punctual[hit.light as usize]);
-            let found = FoundEmission { ray: *ray, radiance, pdf: [0.0, hit.pdf], kind, group };
+            let layer = at.transport.layer(kind, |layers| layers.punctual[hit.light as usize]);
+            let found = FoundEmission { ray: *ray, radiance, pdf: [0.0, hit.pdf], kind, layer };
             clients.emission(at, rays, &found);
         }
     }
@@ -89,12 +88,12 @@ impl SizedLightHits {
         });
         let transport = at.transport;
         shadows.open(transport, found.len());
-        for group in found.chunks(LANES) {
-            let hits = eight(|lane| group[lane.min(group.len() - 1)]);
+        for packet in found.chunks(LANES) {
+            let hits = eight(|lane| packet[lane.min(packet.len() - 1)]);
             let rows = Rows::Each(hits.map(|(row, _)| row));
             let weights = hits.map(|(row, hit)| emission::mis_weight(at, rays, row as usize, [0.0, hit.pdf]));
             let emitted = V3::gather(eight(|lane| hits[lane].1.radiance * weights[lane]));
-            let (beta, survivors) = (rays.beta.load(&rows), Survivors::of(mask(group.len())));
+            let (beta, survivors) = (rays.beta.load(&rows), Survivors::of(mask(packet.len())));
             let mut radiance = beta * emitted;
             let medium = transport.materials.tracks_media.then(|| load_bits(&rays.medium, &rows));
             if transport.passes_bodies() {
@@ -107,7 +106,7 @@ impl SizedLightHits {
             shadows.set_backs(&survivors, U::from(backs));
             let ray = (rays.rays.origins(&rows), rays.rays.directions(&rows));
             let (key, ends) = (load_bits(&rays.rays.key, &rows), F::from(hits.map(|(_, hit)| hit.end)));
-            let ids = [load_bits(&rays.path, &rows), U::ZERO, U::splat(LightKind::Sized as u32)];
+            let ids = [load_bits(&rays.path, &rows), U::ZERO, U::ZERO, U::splat(LightKind::Sized as u32)];
             shadows.push(&survivors, ray, ends, (key, rays.rays.times(&rows)), radiance, ids);
         }
         shadows.close();

@@ -14,6 +14,7 @@ use crate::integrator::data::context::WaveContext;
 use crate::integrator::data::dimensions::{self, MAX_WALLS};
 use crate::integrator::data::queues::{PathRays, ShadowRays};
 use crate::integrator::data::transport::Transport;
+use crate::integrator::events::PassedWall;
 use crate::integrator::surface::geometry::SurfacePoint;
 use crate::integrator::surface::shading_normal;
 use crate::lanes::{F, LANES, U, V3, V3Column, eight};
@@ -109,9 +110,16 @@ pub struct ThinWalls {
 }
 
 impl ThinWalls {
-    /// Takes the rays of paths through the walls that they pass: replaces their hits, and multiplies their throughputs.
+    /// Takes the rays of paths through the walls that they pass: replaces their hits, and multiplies their throughputs. `passed` is
+    /// told of each wall.
     #[inline(never)]
-    pub fn pass(&mut self, at: &WaveContext, rays: &mut PathRays, hits: &mut HitBatch) {
+    pub fn pass(
+        &mut self,
+        at: &WaveContext,
+        rays: &mut PathRays,
+        hits: &mut HitBatch,
+        passed: &mut dyn FnMut(&PathRays, &PassedWall),
+    ) {
         let transport = at.transport;
         if at.depth <= 1 {
             rays.passed_wall.resize(rays.len, false);
@@ -123,8 +131,8 @@ impl ThinWalls {
             }
             let mut passing = 0;
             for first in (0..self.walls.len()).step_by(LANES) {
-                let (group, n) = self.group(first);
-                let row = group.map(|hit| hit.row as usize);
+                let (packet, n) = self.packet(first);
+                let row = packet.map(|hit| hit.row as usize);
                 let points = row.map(|row| transport.point(&rays.rays, hits, row));
                 let passages = Passages::at(transport, &points, &row.map(|row| rays.rays.direction(row)), false);
                 let seed = U::from(row.map(|row| rays.seed[row]));
@@ -132,12 +140,16 @@ impl ThinWalls {
                 let (passes, factor) = passages.draw(numbers(seed, index, at.depth, wall));
                 let passes = passes.to_bitmask();
                 for lane in 0..n {
-                    let passes = group[lane].again || passes >> lane & 1 == 1;
-                    if !group[lane].again {
+                    let passes = packet[lane].again || passes >> lane & 1 == 1;
+                    if !packet[lane].again {
                         rays.beta.set(row[lane], rays.beta.get(row[lane]) * factor.lane(lane));
                     }
                     if passes {
-                        self.walls[passing] = group[lane];
+                        if !packet[lane].again {
+                            let (row, weight) = (row[lane], passages.weight.lane(lane));
+                            passed(rays, &PassedWall { row, weight, t: hits.t[row] });
+                        }
+                        self.walls[passing] = packet[lane];
                         passing += 1;
                         rays.passed_wall.iter_mut().skip(row[lane]).take(1).for_each(|passed| *passed = true);
                     }
@@ -224,13 +236,13 @@ impl ThinWalls {
     ) {
         let mut passing = 0;
         for first in (0..self.walls.len()).step_by(LANES) {
-            let (group, n) = self.group(first);
-            let row = group.map(|hit| hit.row as usize);
+            let (packet, n) = self.packet(first);
+            let row = packet.map(|hit| hit.row as usize);
             let points = row.map(|row| transport.point(rays, hits, row));
             let passages = Passages::at(transport, &points, &row.map(|row| rays.direction(row)), true);
             for lane in 0..n {
                 let row = row[lane];
-                if !group[lane].again {
+                if !packet[lane].again {
                     let before = light.get(row);
                     let after = before * passages.weight.lane(lane);
                     // A surface that lets no light straight through occludes.
@@ -255,7 +267,7 @@ impl ThinWalls {
                         self.segments[row] = Segment { medium, start: hits.t[row] };
                     }
                 }
-                self.walls[passing] = group[lane];
+                self.walls[passing] = packet[lane];
                 passing += 1;
             }
         }
@@ -291,7 +303,7 @@ impl ThinWalls {
     }
 
     /// Eight listed hits from `first` on, and how many of them are valid. Spare lanes repeat the first one.
-    fn group(&self, first: usize) -> ([WallHit; LANES], usize) {
+    fn packet(&self, first: usize) -> ([WallHit; LANES], usize) {
         let n = LANES.min(self.walls.len() - first);
         (eight(|lane| self.walls[first + if lane < n { lane } else { 0 }]), n)
     }

@@ -1,28 +1,28 @@
-//! Groups of BSDF samples of first surfaces that share what they find.
+//! Pools of BSDF samples of first surfaces that share what they find.
 
 use glam::Vec3;
 use wide::bytemuck::cast;
 
 use crate::integrator::data::dimensions;
 use crate::integrator::data::proposal::Reuse;
-use crate::integrator::data::requests::RequestGroup;
+use crate::integrator::data::requests::RequestPacket;
 use crate::integrator::data::vertices::Vertices;
 use crate::lanes::{F, U};
 use crate::sampling::{self, hashes};
 
 /// Octants of the normals of eight samples, and two random numbers.
-pub fn keys(vertices: &Vertices, group: &RequestGroup) -> [U; 3] {
-    let normal = vertices.ng.load(&group.rows);
+pub fn keys(vertices: &Vertices, packet: &RequestPacket) -> [U; 3] {
+    let normal = vertices.ng.load(&packet.rows);
     let sign = |x: F, bit: u32| (cast::<F, U>(x) >> 31) << bit;
-    let ids = &group.path_ids;
+    let ids = &packet.path_ids;
     let random = hashes(sampling::keys(ids.seed, ids.index, dimensions::REUSE));
     [sign(normal.x, 0) | sign(normal.y, 1) | sign(normal.z, 2), random, hashes(random)]
 }
 
-/// A group.
+/// A pool.
 #[derive(Debug, Clone, Copy)]
-pub struct Group {
-    /// End of its samples in [`Groups::members`].
+pub struct Pool {
+    /// End of its samples in [`Pools::members`].
     end: u32,
     /// Fraction of its samples that go on from far second surfaces.
     pub traced: f32,
@@ -30,7 +30,7 @@ pub struct Group {
     pub extent2: f32,
 }
 
-impl Group {
+impl Pool {
     /// Probability with which a sample goes on from a second surface, by the squared distance between first and second. Near
     /// surfaces have few lenders: where the own sample is most of the divisor, it should not be missing. All samples go on
     /// from `sharp` surfaces, which keep a part of what their paths find.
@@ -41,29 +41,29 @@ impl Group {
     }
 }
 
-/// A sample's place in its group.
+/// A sample's place in its pool.
 #[derive(Debug, Clone, Copy)]
 pub struct Place {
-    /// Index of the group.
-    pub group: u32,
-    /// Uniform in [0, 1), stratified over the samples of the group: the sample goes on with a probability above it.
+    /// Index of the pool.
+    pub pool: u32,
+    /// Uniform in [0, 1), stratified over the samples of the pool: the sample goes on with a probability above it.
     pub order: f32,
 }
 
-/// The groups of a wave.
+/// The pools of a wave.
 #[derive(Debug, Default)]
-pub struct Groups {
+pub struct Pools {
     /// Keys of samples, and the samples.
     keyed: Vec<([u32; 4], u32)>,
-    /// The samples, group by group.
+    /// The samples, pool by pool.
     members: Vec<u32>,
-    /// The groups.
-    list: Vec<Group>,
+    /// The pools.
+    list: Vec<Pool>,
     /// By sample.
     places: Vec<Option<Place>>,
 }
 
-impl Groups {
+impl Pools {
     /// Removes all.
     pub fn clear(&mut self) {
         self.keyed.clear();
@@ -72,17 +72,17 @@ impl Groups {
         self.places.clear();
     }
 
-    /// Is no sample in a group?
+    /// Is no sample in a pool?
     pub fn is_empty(&self) -> bool {
         self.list.is_empty()
     }
 
-    /// Adds a sample that borrows. Those of a group have the same first two numbers; the others are random.
+    /// Adds a sample that borrows. Those of a pool have the same first two numbers; the others are random.
     pub fn add(&mut self, key: [u32; 4], sample: u32) {
         self.keyed.push((key, sample));
     }
 
-    /// Forms the groups of all samples, of equal sizes. `position` is that of a sample's first surface.
+    /// Forms the pools of all samples, of equal sizes. `position` is that of a sample's first surface.
     pub fn form(&mut self, reuse: Reuse, position: impl Fn(u32) -> Vec3) {
         let Self { keyed, members, list, places } = self;
         keyed.sort_unstable();
@@ -90,38 +90,34 @@ impl Groups {
         places.resize(samples as usize, None);
         for alike in keyed.chunk_by(|a, b| a.0[..2] == b.0[..2]) {
             let size = alike.len().div_ceil(alike.len().div_ceil(reuse.group as usize));
-            for group in alike.chunks(size).filter(|group| group.len() > 1) {
-                let n = group.len() as f32;
-                let centre = group.iter().map(|(_, sample)| position(*sample)).sum::<Vec3>() / n;
+            for pool in alike.chunks(size).filter(|pool| pool.len() > 1) {
+                let n = pool.len() as f32;
+                let centre = pool.iter().map(|(_, sample)| position(*sample)).sum::<Vec3>() / n;
                 let extent2 =
-                    group.iter().map(|(_, sample)| position(*sample).distance_squared(centre)).sum::<f32>() / n;
-                for (i, ([.., random], sample)) in group.iter().enumerate() {
+                    pool.iter().map(|(_, sample)| position(*sample).distance_squared(centre)).sum::<f32>() / n;
+                for (i, ([.., random], sample)) in pool.iter().enumerate() {
                     let order = (i as f32 + (random >> 8) as f32 / (1 << 24) as f32) / n;
-                    places[*sample as usize] = Some(Place { group: list.len() as u32, order });
+                    places[*sample as usize] = Some(Place { pool: list.len() as u32, order });
                 }
-                members.extend(group.iter().map(|(_, sample)| sample));
-                list.push(Group {
-                    end: members.len() as u32,
-                    traced: reuse.traced_of(group.len()) as f32 / n,
-                    extent2,
-                });
+                members.extend(pool.iter().map(|(_, sample)| sample));
+                list.push(Pool { end: members.len() as u32, traced: reuse.traced_of(pool.len()) as f32 / n, extent2 });
             }
         }
     }
 
-    /// The place of a sample, and its group; `None` if it is in none.
-    pub fn place(&self, sample: u32) -> Option<(Place, Group)> {
+    /// The place of a sample, and its pool; `None` if it is in none.
+    pub fn place(&self, sample: u32) -> Option<(Place, Pool)> {
         let place = self.places.get(sample as usize).copied().flatten()?;
-        Some((place, self.list[place.group as usize]))
+        Some((place, self.list[place.pool as usize]))
     }
 
-    /// The groups, with their samples.
-    pub fn each(&self) -> impl Iterator<Item = (Group, &[u32])> {
+    /// The pools, with their samples.
+    pub fn each(&self) -> impl Iterator<Item = (Pool, &[u32])> {
         let mut start = 0;
-        self.list.iter().map(move |group| {
-            let members = &self.members[start..group.end as usize];
-            start = group.end as usize;
-            (*group, members)
+        self.list.iter().map(move |pool| {
+            let members = &self.members[start..pool.end as usize];
+            start = pool.end as usize;
+            (*pool, members)
         })
     }
 }

@@ -1,4 +1,4 @@
-//! Kinds and groups of lights, by which layers divide the beauty.
+//! Kinds and layers of lights, by which the beauty is divided.
 
 use crate::light::Lights;
 use crate::scene::Primitive;
@@ -20,8 +20,8 @@ impl LightKind {
     /// All kinds, by their numbers.
     pub const ALL: [Self; 4] = [Self::Environment, Self::Area, Self::Punctual, Self::Sized];
 
-    /// Its group where none are asked for: environment, emissive surfaces, punctual lights.
-    pub const fn group(self) -> u8 {
+    /// Its layer where none are asked for: environment, emissive surfaces, punctual lights.
+    pub const fn layer(self) -> u8 {
         if matches!(self, Self::Sized) { Self::Punctual as u8 } else { self as u8 }
     }
 }
@@ -42,12 +42,12 @@ impl LightNumber {
     }
 }
 
-/// Largest number of groups, with that of the lights that no other has.
-pub const MAX_GROUPS: usize = 9;
+/// Largest number of layers, with that of the lights that no other has.
+pub const MAX_LAYERS: usize = 9;
 
-/// The number of the group of each light of a scene.
+/// The number of the layer of each light of a scene.
 #[derive(Debug, Default)]
-pub struct LightGroupTable {
+pub struct LightLayerTable {
     /// That of the environment.
     pub environment: u8,
     /// By index in [`Scene::lights`](crate::scene::Scene::lights).
@@ -58,8 +58,8 @@ pub struct LightGroupTable {
     area: Vec<u8>,
 }
 
-impl LightGroupTable {
-    /// The same with the groups of these area lights.
+impl LightLayerTable {
+    /// The same with the layers of these area lights.
     pub fn with_area(mut self, lights: &Lights) -> Self {
         let all = lights.area.iter().flat_map(|area| area.surfaces());
         self.area = all.map(|surface| self.surface(surface)).collect();
@@ -79,11 +79,11 @@ impl LightGroupTable {
     /// Of a light that a light sample has chosen.
     #[inline]
     pub fn sampled(&self, light: LightNumber) -> u8 {
-        let groups = match light.kind() {
+        let layers = match light.kind() {
             LightKind::Environment => return self.environment,
             LightKind::Area => &self.area,
             LightKind::Punctual | LightKind::Sized => &self.punctual,
         };
-        groups.get((light.0 >> LightNumber::BITS) as usize).copied().unwrap_or(0)
+        layers.get((light.0 >> LightNumber::BITS) as usize).copied().unwrap_or(0)
     }
 }

@@ -1,17 +1,17 @@
 //! Straight passages of single rays through thin walls and bodies of smooth glass.
 
+use bismar::integrator::data::boundaries::Line;
+use bismar::integrator::data::dimensions::MAX_WALLS;
+use bismar::integrator::data::transport::Transport;
+use bismar::integrator::through::back_faces::BackFaces;
+use bismar::integrator::through::glass_shadows;
+use bismar::integrator::through::thin_walls::{Passages, beyond, is_wall};
+use bismar::lanes::LANES;
+use bismar::rays::{HitBatch, MISS, RayBatch, RayOrder};
+use bismar::scene::Primitive;
 use glam::Vec3;
 
 use super::{Ray, Tracer};
-use crate::integrator::data::boundaries::Line;
-use crate::integrator::data::dimensions::MAX_WALLS;
-use crate::integrator::data::transport::Transport;
-use crate::integrator::through::back_faces::BackFaces;
-use crate::integrator::through::glass_shadows;
-use crate::integrator::through::thin_walls::{Passages, beyond, is_wall};
-use crate::lanes::LANES;
-use crate::rays::{HitBatch, MISS, RayBatch, RayOrder};
-use crate::scene::Primitive;
 
 /// A ray that goes straight through glass.
 struct StraightRay {
@@ -33,7 +33,7 @@ impl StraightRay {
 
 impl Tracer<'_> {
     /// Light that lies straight behind the body of glass that a ray in a rough direction has hit.
-    pub(super) fn straight_behind_bodies(&mut self, ray: &Ray, depth: u32, hits: &HitBatch) -> Vec3 {
+    pub(super) fn straight_behind_bodies(&self, ray: &Ray, depth: u32, hits: &HitBatch) -> Vec3 {
         let (t, mut hits, mut sum) = (self.transport, hits.clone(), Vec3::ZERO);
         if !ray.history.is_rough() || is_wall(t, hits.mesh[0]) {
             return sum;

@@ -1,37 +1,31 @@
-//! A scalar path tracer, one path at a time: the reference for tests of the wave, and the source of `--replay-pixel`. It
-//! shares BSDFs, lights and sample sequences with the wave, but not its queues, sorting and compaction.
+//! A scalar path tracer, one path at a time: the reference for tests of the wave. It shares BSDFs, lights and sample sequences
+//! with the wave, but not its queues, sorting and compaction, and knows no path re-use.
 
-mod replay;
 mod straight;
 
+use bismar::balance::deal;
+use bismar::bsdf::{Bsdf, Lobe, Parameters};
+use bismar::color::luminance;
+use bismar::guiding::NO_CELL;
+use bismar::integrator::data::dimensions::{self, MAX_WALLS};
+use bismar::integrator::data::history::{Bounces, MIRROR_PDF, RayHistory};
+use bismar::integrator::data::path_states::clamp_contribution;
+use bismar::integrator::data::requests::LightTarget;
+use bismar::integrator::data::task::PixelTask;
+use bismar::integrator::data::transport::Transport;
+use bismar::integrator::stages::camera_rays::camera_ray;
+use bismar::integrator::stages::mixture::{self, Mixture, MixtureSample};
+use bismar::integrator::stages::requests::light_sample_index;
+use bismar::integrator::stages::scatter::{ROULETTE_DEPTH, ROULETTE_GAIN};
+use bismar::integrator::surface::dispersion;
+use bismar::integrator::surface::shading_normal;
+use bismar::integrator::through::emission_rays::emission_seed;
+use bismar::integrator::through::thin_walls::{self, beyond, is_wall};
+use bismar::lanes::{F, LANES, U, V3, unit_interval};
+use bismar::light::{LightSampleContext, SizedLights, punctual};
+use bismar::rays::{HitBatch, MISS, RayBatch};
+use bismar::sampling::{PixelSequence, hash, keys, pixel_seed};
 use glam::Vec3;
-
-use crate::balance::deal;
-use crate::bsdf::{Bsdf, Lobe, Parameters};
-use crate::color::luminance;
-use crate::guiding::NO_CELL;
-use crate::integrator::data::dimensions::{self, MAX_WALLS};
-use crate::integrator::data::history::{Bounce, MIRROR_PDF, RayHistory};
-use crate::integrator::data::path_states::clamp_contribution;
-use crate::integrator::data::requests::LightTarget;
-use crate::integrator::data::task::PixelTask;
-use crate::integrator::data::transport::Transport;
-pub use crate::integrator::scalar::replay::{Event, EventKind};
-use crate::integrator::stages::camera_rays::camera_ray;
-use crate::integrator::stages::mixture::{self, Mixture, MixtureSample};
-use crate::integrator::stages::requests::light_sample_index;
-use crate::integrator::stages::scatter::{ROULETTE_DEPTH, ROULETTE_GAIN};
-use crate::integrator::surface::dispersion;
-use crate::integrator::surface::shading_normal;
-use crate::integrator::through::emission_rays::emission_seed;
-use crate::integrator::through::thin_walls::{self, beyond, is_wall};
-use crate::lanes::{F, LANES, U, V3, unit_interval};
-use crate::light::{LightSampleContext, SizedLights, punctual};
-use crate::rays::{HitBatch, MISS, RayBatch};
-use crate::sampling::{PixelSequence, hash, keys, pixel_seed};
-
-/// Kind of light in events of light samples.
-const ENVIRONMENT: &str = "environment";
 
 /// A ray along a path.
 struct Ray {
@@ -56,13 +50,13 @@ struct Ray {
 }
 
 impl Ray {
-    /// Does it pass back faces ([`back_faces`](crate::integrator::through::back_faces))?
+    /// Does it pass back faces ([`back_faces`](bismar::integrator::through::back_faces))?
     fn passes_backs(&self, transport: &Transport) -> bool {
         transport.culls() && self.history.is_mirror_image()
     }
 }
 
-/// A path vertex on a surface. Fields without a comment are those of [`Vertices`](crate::integrator::data::vertices::Vertices).
+/// A path vertex on a surface. Fields without a comment are those of [`Vertices`](bismar::integrator::data::vertices::Vertices).
 struct Vertex {
     origin: Vec3,
     position: Vec3,
@@ -111,6 +105,14 @@ impl Vertex {
         straight.weight.lane(0).max_element() > 0.0
     }
 
+    /// The history of a ray in this direction, which is sampled with these densities: of the mixture, of the BSDF.
+    fn history_after(&self, transport: &Transport, wi: Vec3, [pdf, bsdf_pdf]: [F; 2]) -> RayHistory {
+        let mask = |is_set: bool| if is_set { F::ZERO.simd_eq(F::ZERO) } else { F::ZERO };
+        let smooth = transport.materials.has_smooth_bodies && self.is_smooth();
+        let bounces = Bounces { pdf, bsdf_pdf, beyond: mask(self.ng.dot(wi) < 0.0), smooth: mask(smooth) };
+        RayHistory(RayHistory::after(U::splat(self.history.0), transport, &bounces).to_array()[0])
+    }
+
     /// The normal for light selection: zero on surfaces that transmit.
     fn light_sampling_normal(&self) -> Vec3 {
         if self.transmits { Vec3::ZERO } else { self.ng }
@@ -123,13 +125,12 @@ struct Tracer<'a> {
     seed: u32,
     /// Samples per path at the first surface: environment, area lights, BSDF.
     samples_per_path: [f32; 3],
-    /// Do other camera rays find the emission that the camera sees directly ([`emission_rays`](crate::integrator::through::emission_rays))?
+    /// Do other camera rays find the emission that the camera sees directly ([`emission_rays`](bismar::integrator::through::emission_rays))?
     skips_visible_emission: bool,
-    report: &'a mut dyn FnMut(Event),
 }
 
-/// Radiance of path number `path` of those that a wave takes for a pixel. `report` receives the events.
-pub fn trace(transport: &Transport, task: &PixelTask, path: u32, report: &mut dyn FnMut(Event)) -> Vec3 {
+/// Radiance of path number `path` of those that a wave takes for a pixel.
+pub fn trace(transport: &Transport, task: &PixelTask, path: u32) -> Vec3 {
     let paths = task.counts.paths;
     let index = task.first_path + path;
     let emission_rays = transport.proposal.emission_rays.map_or(1, |rays| rays.rays_per_path(task.x, task.y));
@@ -138,12 +139,12 @@ pub fn trace(transport: &Transport, task: &PixelTask, path: u32, report: &mut dy
         let seed = emission_seed(transport.seed);
         let alone = Transport { seed, max_depth: 1, ..transport.clone() };
         for index in (0..emission_rays).map(|i| index * emission_rays + i) {
-            let (mut tracer, ray) = Tracer::camera_ray(&alone, task, index, report);
+            let (tracer, ray) = Tracer::camera_ray(&alone, task, index);
             let ray = Ray { beta: Vec3::splat(1.0 / emission_rays as f32), ..ray };
             emission += tracer.trace_ray(&ray, 0, &[], &[]);
         }
     }
-    let (mut tracer, ray) = Tracer::camera_ray(transport, task, index, report);
+    let (mut tracer, ray) = Tracer::camera_ray(transport, task, index);
     tracer.skips_visible_emission = emission_rays > 1;
     let before = |n: u32| (0..path).map(|p| u32::from(deal(n, paths, p))).sum::<u32>();
     let numbers = |first: u32, n: u32| {
@@ -161,17 +162,12 @@ fn key(seed: u32, index: u32, set: u32) -> u32 {
 
 impl<'a> Tracer<'a> {
     /// Camera ray number `index` of a pixel.
-    fn camera_ray(
-        transport: &'a Transport<'a>,
-        task: &PixelTask,
-        index: u32,
-        report: &'a mut dyn FnMut(Event),
-    ) -> (Self, Ray) {
+    fn camera_ray(transport: &'a Transport<'a>, task: &PixelTask, index: u32) -> (Self, Ray) {
         let sequence = PixelSequence::new(task.x, task.y, transport.seed);
         let seed = pixel_seed(task.x, task.y, transport.seed);
         let ((origin, direction), time) = camera_ray(transport, [task.x, task.y], U::splat(seed), U::splat(index));
         let samples_per_path = task.weighed.samples_per_path(transport.proposal.lights.environment_probability);
-        let tracer = Self { transport, sequence, seed, samples_per_path, skips_visible_emission: false, report };
+        let tracer = Self { transport, sequence, seed, samples_per_path, skips_visible_emission: false };
         let ray = Ray {
             origin: origin.lane(0),
             direction: direction.lane(0),
@@ -188,15 +184,10 @@ impl<'a> Tracer<'a> {
         (tracer, ray)
     }
 
-    fn report(&mut self, depth: u32, kind: EventKind) {
-        (self.report)(Event { depth, kind });
-    }
-
     /// Radiance along a ray; where it hits, takes these light samples (index, target) and BSDF samples (index).
-    fn trace_ray(&mut self, ray: &Ray, depth: u32, light: &[(u32, LightTarget)], bsdf: &[u32]) -> Vec3 {
+    fn trace_ray(&self, ray: &Ray, depth: u32, light: &[(u32, LightTarget)], bsdf: &[u32]) -> Vec3 {
         let t = self.transport;
         let Ray { origin, direction, .. } = *ray;
-        self.report(depth, EventKind::Ray { origin, direction, beta: ray.beta });
         let (mut rays, mut hits) = (RayBatch::default(), HitBatch::default());
         let (near, far) = match depth {
             0 => t.camera.intervals(V3::splat(direction), F::splat(ray.time)),
@@ -219,7 +210,6 @@ impl<'a> Tracer<'a> {
                 if passes.to_bitmask() & 1 == 0 {
                     break;
                 }
-                self.report(depth, EventKind::PassesWall { weight: passages.weight.lane(0), t: hits.t[0] });
             }
             last_wall = Some(hits.primitive(0));
             walls += 1;
@@ -242,11 +232,8 @@ impl<'a> Tracer<'a> {
         let left = if hits.mesh[0] == MISS { Vec3::ONE } else { t.materials.media.transmittance(medium, distance) };
         let ray = &Ray { beta: ray.beta * left, medium, ..*ray };
         let emission = self.emission_at(ray, depth, &hits, walls > 0);
-        if hits.mesh[0] == MISS || t.materials.mesh_material(hits.mesh[0]).unlit {
-            return straight + emission;
-        }
-        if !ray.history.scatters(t, depth) {
-            self.report(depth, EventKind::Ends { reason: "--max-depth" });
+        let ends = hits.mesh[0] == MISS || t.materials.mesh_material(hits.mesh[0]).unlit;
+        if ends || !ray.history.scatters(t, depth) {
             return straight + emission;
         }
         let vertex = self.vertex(ray, depth, &hits);
@@ -264,13 +251,12 @@ impl<'a> Tracer<'a> {
     }
 
     /// Emission at the end of a ray, whose throughput is that at the hit.
-    fn emission_at(&mut self, ray: &Ray, depth: u32, hits: &HitBatch, passed_wall: bool) -> Vec3 {
+    fn emission_at(&self, ray: &Ray, depth: u32, hits: &HitBatch, passed_wall: bool) -> Vec3 {
         let t = self.transport;
         let Ray { origin, direction, .. } = *ray;
         let excluded = ray.history.is_refracted();
         let (hit, distance) = (hits.primitive(0), hits.t[0]);
         if hit.mesh == MISS {
-            self.report(depth, EventKind::Escape);
             if excluded || t.lights.environment.is_none() || (depth == 0 && !passed_wall && t.hides_environment) {
                 return Vec3::ZERO;
             }
@@ -279,8 +265,6 @@ impl<'a> Tracer<'a> {
             return self.emission(ray, depth, radiance.lane(0), [pdf, 0.0]);
         }
         let point = t.geometry.point(t.scene, hit, (hits.u[0], hits.v[0]), ray.time);
-        let material = point.mesh.material;
-        self.report(depth, EventKind::Hit { instance: hit.instance, mesh: hit.mesh, material, t: distance });
         if point.material.unlit {
             // It is seen, but gives no light.
             let seen = ray.history.is_mirror_image();
@@ -357,7 +341,7 @@ impl<'a> Tracer<'a> {
     }
 
     /// Light of the lights with a size that a ray hits.
-    fn sized_lights(&mut self, ray: &Ray, depth: u32) -> Vec3 {
+    fn sized_lights(&self, ray: &Ray, depth: u32) -> Vec3 {
         let t = self.transport;
         let (mut sum, from) = (Vec3::ZERO, (ray.origin, ray.normal));
         let count = t.lights.sized.as_ref().map_or(0, SizedLights::count);
@@ -376,7 +360,7 @@ impl<'a> Tracer<'a> {
     }
 
     /// Emission that a ray hits, with the MIS weight for light-sample densities `pdf` (environment, area lights).
-    fn emission(&mut self, ray: &Ray, depth: u32, radiance: Vec3, pdf: [f32; 2]) -> Vec3 {
+    fn emission(&self, ray: &Ray, depth: u32, radiance: Vec3, pdf: [f32; 2]) -> Vec3 {
         if depth == 0 && self.skips_visible_emission {
             return Vec3::ZERO;
         }
@@ -389,12 +373,10 @@ impl<'a> Tracer<'a> {
         let radiance = ray.beta * radiance * weight;
         let radiance = if radiance.is_finite() { radiance } else { Vec3::ZERO };
         let limit = if depth == 0 { f32::INFINITY } else { self.transport.limits[(depth > 1) as usize] };
-        let (radiance, _) = clamp_contribution(radiance, limit);
-        self.report(depth, EventKind::Emission { radiance, weight });
-        radiance
+        clamp_contribution(radiance, limit).0
     }
 
-    fn light_sample(&mut self, vertex: &Vertex, depth: u32, index: u32, toward: LightTarget) -> Vec3 {
+    fn light_sample(&self, vertex: &Vertex, depth: u32, index: u32, toward: LightTarget) -> Vec3 {
         let t = self.transport;
         if !t.lights.has_extent() {
             return Vec3::ZERO;
@@ -431,14 +413,12 @@ impl<'a> Tracer<'a> {
         let weighted_pdf = probability * if environment { a_env } else { a_area } * pdf;
         let weight = t.heuristic.weight(weighted_pdf, a_b * bsdf_pdf);
         let radiance = vertex.beta * value * emitted * (weight / weighted_pdf);
-        let name = if environment { ENVIRONMENT } else { "area light" };
-        let sound = pdf > 0.0;
-        let radiance = if sound { radiance } else { Vec3::ZERO };
+        let radiance = if pdf > 0.0 { radiance } else { Vec3::ZERO };
         let pdfs = [bsdf_pdf, own_pdf.as_array()[0]];
-        self.shadow_ray(vertex, depth, index, (name, wi, [distance, end], pdfs), radiance)
+        self.shadow_ray(vertex, depth, index, (wi, [distance, end], pdfs), radiance)
     }
 
-    fn punctual_sample(&mut self, vertex: &Vertex, depth: u32, index: u32) -> Vec3 {
+    fn punctual_sample(&self, vertex: &Vertex, depth: u32, index: u32) -> Vec3 {
         let [.., choice] = self.sequence.sample(index, dimensions::light(depth));
         let sample = punctual::choose(&self.transport.scene.lights, vertex.position, choice, vertex.time);
         let Some(light) = sample else { return Vec3::ZERO };
@@ -447,17 +427,17 @@ impl<'a> Tracer<'a> {
         let bsdf_pdf = bsdf_pdf.as_array()[0];
         let radiance = vertex.beta * value.lane(0) * light.irradiance;
         let ends = [light.distance, light.end(vertex.position)];
-        self.shadow_ray(vertex, depth, index, ("punctual light", light.wi, ends, [bsdf_pdf; 2]), radiance)
+        self.shadow_ray(vertex, depth, index, (light.wi, ends, [bsdf_pdf; 2]), radiance)
     }
 
     /// Traces a shadow ray: the clamped contribution, or zero if it is occluded, not finite or below the horizon. The densities are
     /// that of BSDF samples in its direction, and that of the BSDF alone.
     fn shadow_ray(
-        &mut self,
+        &self,
         vertex: &Vertex,
         depth: u32,
         index: u32,
-        (toward, wi, [distance, end], [bsdf_pdf, own_pdf]): (&'static str, Vec3, [f32; 2], [f32; 2]),
+        (wi, [distance, end], [bsdf_pdf, own_pdf]): (Vec3, [f32; 2], [f32; 2]),
         radiance: Vec3,
     ) -> Vec3 {
         let SpawnedRay { origin, allowed, medium } = vertex.spawn_ray(wi);
@@ -468,7 +448,6 @@ impl<'a> Tracer<'a> {
         let excluded = vertex.history.is_after_rough() && refracted;
         let contributes = allowed && !excluded && radiance.max_element() > 0.0 && radiance.is_finite();
         if !contributes {
-            self.report(depth, EventKind::LightSample { toward, wi, distance, radiance: Vec3::ZERO, occluded: false });
             return Vec3::ZERO;
         }
         let mut rays = RayBatch::default();
@@ -477,26 +456,21 @@ impl<'a> Tracer<'a> {
         rays.time.extend(self.transport.geometry.moves.then_some(vertex.time));
         let backs = self.transport.culls() && vertex.history.is_mirror_image() && own_pdf >= MIRROR_PDF;
         let radiance = radiance * self.unoccluded(rays, [bsdf_pdf < MIRROR_PDF, backs], medium);
-        let (radiance, _) = clamp_contribution(radiance, self.transport.limits[(depth > 0) as usize]);
-        let occluded = radiance == Vec3::ZERO;
-        self.report(depth, EventKind::LightSample { toward, wi, distance, radiance, occluded });
-        radiance
+        clamp_contribution(radiance, self.transport.limits[(depth > 0) as usize]).0
     }
 
-    fn bsdf_sample(&mut self, vertex: &Vertex, depth: u32, index: u32) -> Vec3 {
+    fn bsdf_sample(&self, vertex: &Vertex, depth: u32, index: u32) -> Vec3 {
         let [lobe, u, v, survive] = self.sequence.sample(index, dimensions::bsdf(depth));
         let (ns, wo) = (V3::splat(vertex.ns), V3::splat(vertex.wo));
         let numbers = [lobe, u, v].map(F::splat);
         let mixture = self.mixture(vertex);
         let MixtureSample { sample, pdfs } = mixture::sample(mixture.as_ref(), &vertex.bsdf, ns, wo, numbers);
         let (wi, value, pdf) = (sample.wi.lane(0), sample.value.lane(0), sample.pdf.as_array()[0]);
-        self.report(depth, EventKind::BsdfSample { wi, pdf });
         let weighted_pdf = self.samples_per_path(depth)[2] * pdf;
         let mut beta = vertex.beta * value / weighted_pdf;
         let SpawnedRay { origin, allowed, medium } = vertex.spawn_ray(wi);
         let alive = pdf > 0.0 && allowed && beta.max_element() > 0.0 && beta.is_finite();
         if !alive {
-            self.report(depth, EventKind::Ends { reason: "the direction carries nothing" });
             return Vec3::ZERO;
         }
         let keep = match vertex.roulette {
@@ -506,7 +480,6 @@ impl<'a> Tracer<'a> {
         };
         if let Some(keep) = keep {
             if keep <= survive {
-                self.report(depth, EventKind::Ends { reason: "Russian roulette" });
                 return Vec3::ZERO;
             }
             beta /= keep;
@@ -521,15 +494,7 @@ impl<'a> Tracer<'a> {
             index,
             medium,
             light_probability: vertex.roulette.map_or(1.0, |[light, _]| light),
-            history: vertex.history.after(
-                self.transport,
-                &Bounce {
-                    pdf,
-                    bsdf_pdf: pdfs[0].as_array()[0],
-                    beyond: vertex.ng.dot(wi) < 0.0,
-                    smooth: self.transport.materials.has_smooth_bodies && vertex.is_smooth(),
-                },
-            ),
+            history: vertex.history_after(self.transport, wi, [sample.pdf, pdfs[0]]),
             time: vertex.time,
         };
         self.trace_ray(&ray, depth + 1, &[(index, LightTarget::Random)], &[index])
