@@ -24,7 +24,7 @@ use glam::DVec3;
 use serde_json::Value;
 
 pub use environment::{EnvironmentFile, EnvironmentSize, environment};
-pub use options::{ImportOptions, Pose, Shutter, Views};
+pub use options::{ImportOptions, Pose, Shutter};
 pub use report::{ImportReport, Note, NoteKind, SceneCounts};
 pub use source::{Census, STANDARD_INPUT, Survey, read_own, read_regular, read_text};
 pub use summary::{Summary, summary};
@@ -129,7 +129,6 @@ impl SceneFiles {
                 posed: posed.as_ref().and(options.pose.as_ref()).map(|pose| (json, pose)),
                 time_samples: &time_samples,
                 shutter_samples,
-                views: options.views.as_ref(),
             };
             let scene = build::build(&shown, bytes, &self.cache, notes, &mut report)?;
             if options.strict {

@@ -1,6 +1,4 @@
-//! Import options: scene, variant, pose and shutter, and the views that a scene is for.
-
-use crate::scene::Orbit;
+//! Import options: scene, variant, pose and shutter.
 
 /// Options of an import.
 #[derive(Debug, Clone, Default)]
@@ -13,19 +11,6 @@ pub struct ImportOptions {
     pub scene: Option<String>,
     /// Material variant (KHR_materials_variants), by name or index; `None` for the default materials.
     pub variant: Option<String>,
-    /// Views that are all that is to be seen of the scene: large pictures are then decoded no finer than these show them.
-    pub views: Option<Views>,
-}
-
-/// Views of a scene.
-#[derive(Debug, Clone)]
-pub struct Views {
-    /// Width and height in pixels.
-    pub size: [u32; 2],
-    /// Points around the scene from which it is seen; if empty, it is seen by a camera of the file.
-    pub orbits: Vec<Orbit>,
-    /// Camera of the file, by name or index; `None` for the first.
-    pub camera: Option<String>,
 }
 
 /// A time in a document's animations.

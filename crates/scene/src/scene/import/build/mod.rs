@@ -6,7 +6,6 @@ mod cameras;
 mod count;
 mod decode;
 mod deform;
-mod detail;
 mod geometry;
 mod lights;
 mod materials;
@@ -35,7 +34,7 @@ use crate::error::Result;
 use crate::scene::import::document::Document;
 use crate::scene::import::document::extensions::{Support, support};
 use crate::scene::import::document::primitives::{Mesh as MeshOfDocument, Primitive};
-use crate::scene::import::options::{Pose, Views};
+use crate::scene::import::options::Pose;
 use crate::scene::import::report::{ImportReport, Notes};
 use crate::scene::{self, Camera, Framing, Instance, Motion, Object, Scene};
 
@@ -68,8 +67,6 @@ pub struct ShownDocument<'a> {
     pub time_samples: &'a [TimeSample],
     /// Number of time samples while the shutter is open.
     pub shutter_samples: usize,
-    /// All that is to be seen; `None` if that is not known.
-    pub views: Option<&'a Views>,
 }
 
 /// Builds the scene. Reuses what `cache` holds of earlier imports, adds to the document's notes, and fills the report's
@@ -78,7 +75,7 @@ pub struct ShownDocument<'a> {
 /// # Errors
 /// Faulty elements that the shown scene needs, data that breaks the specification, memory out of proportion to the file.
 pub fn build(
-    &ShownDocument { document, posed, time_samples, shutter_samples, views }: &ShownDocument,
+    &ShownDocument { document, posed, time_samples, shutter_samples }: &ShownDocument,
     file_bytes: u64,
     cache: &ImportCache,
     mut notes: Notes,
@@ -150,7 +147,7 @@ pub fn build(
     (scene.lights, scene.light_nodes) = (flattened.lights, flattened.light_nodes);
     scene.cameras = flattened.cameras;
     scene.cameras.extend(framing.map(Camera::framed));
-    textures.decode(document, (file_bytes, views), cache, &mut scene, &mut notes)?;
+    textures.decode(document, file_bytes, cache, &mut scene, &mut notes)?;
     // What has no alpha anywhere is known once its texture is.
     if is_framed && scene.reach.is_none() && (0..scene.meshes.len() as u32).any(|mesh| !scene.is_seen(mesh)) {
         scene.cameras = vec![Camera::framed(fitted(&scene))];
