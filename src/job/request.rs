@@ -92,7 +92,6 @@ pub struct RenderRequest {
     /// Maximum bytes of memory; `None`: Slurm's limit, else the machine's memory.
     pub memory_limit: Option<u64>,
 
-
     /// Folder that is left out of the paths in the picture's header.
     pub relative_to: Option<PathBuf>,
     /// Names and values by which this was asked for, for the picture's header; `None` if it cannot be asked for again.

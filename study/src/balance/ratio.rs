@@ -168,11 +168,6 @@ pub fn mean(ratios: &[Ratio]) -> f64 {
     ratios.iter().map(|r| r.corrected).sum::<f64>() / ratios.len() as f64
 }
 
-/// Share of the ratios above [`WORSE`].
-pub fn worse(ratios: &[f64]) -> f64 {
-    ratios.iter().filter(|r| **r > WORSE).count() as f64 / ratios.len() as f64
-}
-
 /// The pixels that are worse beyond what noise explains: their z above [`WORSE`] is beyond what the control's ratios
 /// (whose true value is 1) show, with at most [`FALSE_DISCOVERIES`] of wrong finds expected (Benjamini and Hochberg 1995,
 /// with the control's z as the null distribution).

@@ -46,8 +46,7 @@ fn stored(image: &Image, document: &Document) -> Result<Bytes> {
 fn decode(image: &Image, document: &Document, format: Format) -> Result<std::result::Result<scene::Image, String>> {
     let bytes = stored(image, document)?;
     let hash = blake3::hash(&bytes).to_hex().to_string();
-    let made =
-        |(width, height), texels: Texels| scene::Image { name: image.name.clone(), width, height, texels, hash };
+    let made = |(width, height), texels: Texels| scene::Image { name: image.name.clone(), width, height, texels, hash };
     let Format::Image(format) = format else {
         let Ok(size) = basis::probe(&bytes) else { return Ok(Err("a damaged KTX2 picture".into())) };
         return Ok(basis::decode(&bytes).map(|texels| made(size, eight_bits(texels))));
