@@ -132,6 +132,13 @@ impl Notes {
         self.list.push(Note { kind, at: at.into(), count: 1, text });
     }
 
+    /// Adds those of other notes that are new.
+    pub fn join(&mut self, other: Self) {
+        let is_new = |note: &Note| !self.seen.contains_key(&(note.kind, note.text.clone()));
+        let new: Vec<_> = other.list.into_iter().filter(is_new).collect();
+        new.into_iter().for_each(|note| self.add(note.kind, &note.at, note.text));
+    }
+
     pub fn approximated(&mut self, at: &str, text: impl Into<String>) {
         self.add(NoteKind::Approximated, at, text);
     }

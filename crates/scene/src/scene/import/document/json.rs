@@ -24,7 +24,8 @@ impl<'a> Json<'a> {
         Self { root: value, value, notes, at: String::new() }
     }
 
-    fn inside(&self, value: &'a Value, at: String) -> Self {
+    /// A value within this document, with its path.
+    pub fn inside(&self, value: &'a Value, at: String) -> Self {
         Self { root: self.root, value, notes: self.notes, at }
     }
 
