@@ -130,7 +130,6 @@ impl Estimator {
         Self::all().into_iter().find(|e| e.name() == name).or_else(|| Balance::all().iter().find_map(with))
     }
 
-    /// Balance and techniques.
     pub fn parts(self) -> (Balance, Choices) {
         match self {
             Self::Method(balance) => (balance, Choices::unnamed()),

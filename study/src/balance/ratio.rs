@@ -47,7 +47,6 @@ impl Deviations {
         &self.values[pixel * self.replicas..][..self.replicas]
     }
 
-    /// A pixel's sample variance.
     pub fn variance_of_all(&self, pixel: usize) -> f64 {
         self.pixel(pixel).iter().map(|y| y[3]).sum::<f64>() / (self.replicas - 1) as f64
     }

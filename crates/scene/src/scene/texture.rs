@@ -10,11 +10,9 @@ use super::material::Encoding;
 /// Treatment of coordinates outside [0, 1].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Wrap {
-    /// Clamp to the edge.
     ClampToEdge,
     /// Repeat, with every second copy mirrored.
     MirroredRepeat,
-    /// Repeat.
     Repeat,
 }
 
@@ -68,7 +66,6 @@ pub struct Texture {
     pub wrap_s: Wrap,
     /// Wrap mode along v.
     pub wrap_t: Wrap,
-    /// Magnification filter.
     pub filter: Filter,
 }
 

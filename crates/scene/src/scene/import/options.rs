@@ -1,6 +1,5 @@
 //! Import options: scene, variant, pose and shutter.
 
-/// Options of an import.
 #[derive(Debug, Clone, Default)]
 pub struct ImportOptions {
     /// Make everything that would be approximated or ignored (including a missing texture) an error that lists it.

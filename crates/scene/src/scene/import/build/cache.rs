@@ -26,7 +26,6 @@ pub struct ImportCache {
 
 type Kept = ((Option<String>, Vec<usize>), Option<Arc<Played>>);
 
-/// Objects of one import.
 pub type Objects = HashMap<CacheKey, Arc<CachedObject>>;
 
 /// Everything that determines an object's meshes, except what depends on materials ([`AttributeNeeds`]).

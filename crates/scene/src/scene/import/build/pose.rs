@@ -139,7 +139,6 @@ impl<'a> Animation<'a> {
     }
 }
 
-/// The element at rest.
 fn rest(json: &Value, (array, index): Element) -> Option<&Value> {
     ANIMATED[array].split('.').fold(json, |value, key| &value[key]).get(index)
 }

@@ -28,7 +28,6 @@ pub struct NodeSample {
     pub world: DAffine3,
     /// Weights of morph targets.
     pub weights: Vec<f32>,
-    /// Its punctual light.
     pub light: Option<LightKey>,
 }
 
@@ -38,7 +37,6 @@ pub struct TimeSamples {
     by_node: HashMap<usize, Vec<NodeSample>>,
     /// Number of samples while the shutter is open.
     pub shutter: usize,
-    /// Number of all samples.
     pub count: usize,
 }
 

@@ -171,7 +171,6 @@ impl<'a> Json<'a> {
         <[f64; N]>::try_from(numbers).map(Some).map_err(|_| wanted())
     }
 
-    /// An extension's object.
     pub fn extension(&self, name: &str) -> Result<Option<Json<'a>>> {
         self.get("extensions")?.map_or(Ok(None), |extensions| extensions.get(name))
     }
