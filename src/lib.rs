@@ -1,11 +1,10 @@
 //! Bismar: an offline path tracer that estimates, for each pixel and while it renders, the best share of light and BSDF
 //! samples (the balance).
 //!
-//! Data flows one way: [`scene`] → [`rays`] → [`integrator`] (with [`bsdf`], [`light`], [`sampling`],
-//! [`balance`]) → [`render`] → [`film`]. Only [`cli`] depends on everything. Studies of the renderer are in the crate
-//! `bismar-study`.
+//! Data flows one way: [`scene`] → [`rays`] → [`integrator`] (with [`balance`]) → [`render`] → [`film`]. A [`RenderRequest`] is what
+//! the command line asks for; [`balance::Method`] finds light shares, and [`integrator::PathEvents`] learns of paths.
 //!
-//! Load, render, save (`examples/` has more: progress and AOVs, resuming from a file, balances compared):
+//! Load, render, save (`examples/` has more: progress and AOVs, resuming from a file, balances compared, a method, a client of paths):
 //!
 //! ```
 //! use std::path::Path;
@@ -15,8 +14,8 @@
 //! use bismar::film::{Aov, exr_file};
 //! use bismar::integrator::PreparedScene;
 //! use bismar::rays::Backend;
-//! use bismar::render::{RenderSettings, render};
 //! use bismar::scene::import;
+//! use bismar::{RenderSettings, render};
 //!
 //! # fn main() -> bismar::Result<()> {
 //! let scene = import::import(Path::new("scenes/cornell.glb"), &Default::default())?.scene;
@@ -30,12 +29,26 @@
 //! # }
 //! ```
 
-pub mod batch;
-pub mod cli;
-pub mod console;
-pub mod farm;
 pub mod job;
 pub mod render;
 
-pub use bismar_scene::{Error, Result, color, error, film, guard, scene};
-pub use bismar_transport::{balance, bsdf, guiding, integrator, lanes, light, rays, sampling};
+pub use bismar_scene::{Error, Result, film, scene};
+pub use bismar_transport::{balance, integrator, rays};
+pub use film::Picture;
+pub use job::RenderRequest;
+pub use render::{RenderSettings, Rendered, render};
+pub use scene::Scene;
+
+// What the programs, the Python package and tests use. It may change with any version.
+#[doc(hidden)]
+pub mod batch;
+#[doc(hidden)]
+pub mod cli;
+#[doc(hidden)]
+pub mod console;
+#[doc(hidden)]
+pub mod farm;
+#[doc(hidden)]
+pub use bismar_scene::{color, error, guard};
+#[doc(hidden)]
+pub use bismar_transport::{bsdf, guiding, lanes, light, sampling};

@@ -12,11 +12,9 @@ use bismar::scene::build::{area_light, glass, lambert, look};
 use bismar::scene::import::{ImportOptions, NoteKind, import};
 use bismar::scene::{AlphaMode, Material, Scene, TextureSlot};
 use glam::{Vec3, vec4};
-use serde_json::json;
 
-use crate::helpers::glb;
 use crate::helpers::gltf_parts::{Parts, floats, scene_file};
-use crate::helpers::program::{Folder, assert_same_bits, bits, channel, expect, says, stdout};
+use crate::helpers::program::{Folder, assert_same_bits, bits, expect, says, stdout};
 use crate::helpers::stage::{Stage, add, add_sphere, closed_box, rectangle, sphere};
 use crate::import_content::{accessor, with};
 
@@ -293,57 +291,9 @@ fn a_preset_is_the_flags_that_its_help_says_and_given_flags_win() {
         assert!(said.contains(&format!("--preset {preset} stands for {flags}")), "{said}");
         expect(path, &format!("render c.glb {rest} {own} {denoise} -o flags.exr -q"), 0);
         assert_same_bits(&path.join("preset.exr"), &path.join("flags.exr"));
-        // The command with the flags is the same render; a thumbnail's textures may be coarser, and its header says so.
-        let same = if preset == "thumbnail" { "--preset thumbnail" } else { rest };
-        let again = expect(path, &format!("render c.glb {same} {own} {denoise} -o preset.exr --resume"), 0);
+        // The command with the flags is the same render.
+        let again = expect(path, &format!("render c.glb {rest} {own} {denoise} -o preset.exr --resume"), 0);
         assert!(again.contains("nothing to do"), "{again}");
     }
     expect(path, "render c.glb --preset poster", 64);
-}
-
-#[test]
-fn a_thumbnail_shows_large_pictures_as_their_texels_are() {
-    let path = &Folder::new();
-    // A square that fills the view, and finer patterns than its pixels: texels of a side of 1024.
-    let mut data = glb::Data::default();
-    data.floats(
-        &[-1.0, -1.0, 0.0, 1.0, -1.0, 0.0, 1.0, 1.0, 0.0, -1.0, -1.0, 0.0, 1.0, 1.0, 0.0, -1.0, 1.0, 0.0],
-        "VEC3",
-    );
-    data.floats(&[0.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0], "VEC2");
-    let grey = |x: bool| if x { 255_u8 } else { 0 };
-    let checker = image::GrayImage::from_fn(1024, 1024, |x, y| image::Luma([grey((x + y) % 2 == 0)]));
-    let mut jpeg = std::io::Cursor::new(Vec::new());
-    // Blocks of eight texels are exact in JPEG.
-    let blocks = image::GrayImage::from_fn(1024, 1024, |x, y| image::Luma([grey((x / 8 + y / 8) % 2 == 0)]));
-    blocks.write_to(&mut jpeg, image::ImageFormat::Jpeg).unwrap();
-    let net =
-        image::RgbaImage::from_fn(1024, 1024, |x, y| image::Rgba([255, 255, 255, grey(x % 4 == 1 || y % 4 == 1)]));
-    for (name, file, kind, mode, right) in [
-        ("checker", glb::png(checker), "png", "OPAQUE", [0.5, 1.0]),
-        ("blocks", jpeg.into_inner(), "jpeg", "OPAQUE", [0.5, 1.0]),
-        ("net", glb::png(net.clone()), "png", "MASK", [0.4375; 2]),
-        ("veil", glb::png(net), "png", "BLEND", [0.4375; 2]),
-    ] {
-        let mut data = data.clone();
-        let view = data.view(&file);
-        let scene = data.file(json!({
-            "asset": { "version": "2.0" }, "scene": 0, "scenes": [{ "nodes": [0, 1] }],
-            "nodes": [{ "mesh": 0 }, { "camera": 0, "translation": [0, 0, 3] }],
-            "cameras": [{ "type": "orthographic", "orthographic": { "xmag": 1, "ymag": 1, "znear": 0.1, "zfar": 9 } }],
-            "extensionsUsed": ["KHR_materials_unlit"],
-            "materials": [{ "alphaMode": mode, "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 } },
-                "extensions": { "KHR_materials_unlit": {} } }],
-            "textures": [{ "source": 0, "sampler": 0 }], "samplers": [{ "magFilter": 9728 }],
-            "images": [{ "bufferView": view, "mimeType": format!("image/{kind}") }],
-            "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0, "TEXCOORD_0": 1 }, "material": 0 }] }],
-        }));
-        fs::write(path.join("a.glb"), scene).unwrap();
-        let flags = "--preset thumbnail --size 16x16 --spp 256 --filter box --transparent --no-env";
-        expect(path, &format!("render a.glb {flags} -o a.exr -q"), 0);
-        for (layer, right) in ["G", "A"].into_iter().zip(right) {
-            let mean = channel(&path.join("a.exr"), layer).iter().sum::<f32>() / 256.0;
-            assert!((mean - right).abs() < 0.01, "{name}: {layer} is {mean}, not {right}");
-        }
-    }
 }

@@ -10,11 +10,11 @@ mod pair;
 mod sheet;
 mod shots;
 
-use std::io::Write;
 use std::sync::atomic::AtomicBool;
 
 use serde_json::json;
 
+use super::compare::page::save;
 use super::flag_values::check_ending;
 use crate::console::{Paths, Signals, Verbosity, Verdict, host, print_json, say};
 use crate::film::{atomic, preview};
@@ -45,7 +45,7 @@ pub fn run(args: &LookArgs, verbosity: Verbosity) -> Result<Verdict> {
     looked.sheet.write(&output)?;
     looked.report["sheet"] = json!(output.display().to_string());
     if let Some((path, page)) = args.page.as_ref().zip(looked.page) {
-        atomic::write(path, |file| Ok(Ok(file.write_all(page.as_bytes())?)))?;
+        save(path, &page)?;
     }
     print_json(&looked.report)?;
     if !verbosity.quiet {

@@ -12,9 +12,9 @@ mod inspect;
 mod labels;
 mod look;
 mod merge;
-mod movie;
 mod render;
 mod scene_selection;
+mod sheet;
 mod study;
 mod view_args;
 
@@ -60,7 +60,7 @@ enum Command {
     Labels(labels::LabelsArgs),
     Look(look::LookArgs),
     Develop(develop::DevelopArgs),
-    Movie(movie::MovieArgs),
+    Sheet(sheet::SheetArgs),
     Study(study::StudyArgs),
     Completions(CompletionsArgs),
     Man(ManArgs),
@@ -99,7 +99,7 @@ pub fn run() -> ExitCode {
             Command::Labels(args) => labels::run(args, cli.verbosity),
             Command::Look(args) => look::run(args, cli.verbosity),
             Command::Develop(args) => develop::run(args, cli.verbosity),
-            Command::Movie(args) => movie::run(args, cli.verbosity),
+            Command::Sheet(args) => sheet::run(args, cli.verbosity),
             Command::Study(args) => study::run(args, cli.verbosity),
             Command::Completions(args) => args.run(Cli::command()),
             Command::Man(args) => args.run(Cli::command()),

@@ -1,7 +1,6 @@
 //! Memory limits of the process, and the exit code when memory is exhausted.
 
 use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
 use std::fs;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -17,34 +16,12 @@ use crate::{Error, Result};
 #[derive(Debug)]
 pub struct Allocator;
 
-/// Raised while an allocation has failed and its thread has not handled that.
+/// Raised once an allocation has failed: an abort has this reason then.
 static EXHAUSTED: OnceLock<Arc<AtomicBool>> = OnceLock::new();
 
-thread_local! {
-    /// Size of this thread's last allocation that failed, and how many have succeeded since; 0 without one.
-    static FAILED: Cell<(usize, u32)> = const { Cell::new((0, 0)) };
-}
-
-/// A thread that has no memory and goes on with so many allocations has handled that: an abort has another reason then. The
-/// backtrace of one that has not takes some thousands.
-const HANDLED: u32 = 100_000;
-
-fn recorded(memory: *mut u8, bytes: usize) -> *mut u8 {
-    let (failed, since) = FAILED.get();
-    let raised = |exhausted: bool| {
-        if let Some(flag) = EXHAUSTED.get() {
-            flag.store(exhausted, Ordering::SeqCst);
-        }
-    };
-    if memory.is_null() {
-        FAILED.set((bytes, 0));
-        raised(true);
-    } else if failed > 0 {
-        let handled = bytes >= failed || since >= HANDLED;
-        FAILED.set(if handled { (0, 0) } else { (failed, since + 1) });
-        if handled {
-            raised(false);
-        }
+fn recorded(memory: *mut u8) -> *mut u8 {
+    if let Some(flag) = EXHAUSTED.get().filter(|_| memory.is_null()) {
+        flag.store(true, Ordering::SeqCst);
     }
     memory
 }
@@ -53,17 +30,17 @@ fn recorded(memory: *mut u8, bytes: usize) -> *mut u8 {
 unsafe impl GlobalAlloc for Allocator {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         // SAFETY: the caller's contract.
-        recorded(unsafe { System.alloc(layout) }, layout.size())
+        recorded(unsafe { System.alloc(layout) })
     }
 
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
         // SAFETY: the caller's contract.
-        recorded(unsafe { System.alloc_zeroed(layout) }, layout.size())
+        recorded(unsafe { System.alloc_zeroed(layout) })
     }
 
     unsafe fn realloc(&self, memory: *mut u8, layout: Layout, size: usize) -> *mut u8 {
         // SAFETY: the caller's contract; `memory` was allocated by `System`.
-        recorded(unsafe { System.realloc(memory, layout, size) }, size)
+        recorded(unsafe { System.realloc(memory, layout, size) })
     }
 
     unsafe fn dealloc(&self, memory: *mut u8, layout: Layout) {
@@ -183,23 +160,5 @@ mod tests {
         ] {
             assert_eq!(cgroup_limit(membership, mounts, folder.path()), wanted, "{membership}");
         }
-    }
-
-    #[test]
-    fn a_failed_allocation_that_was_handled_is_no_reason_for_a_later_abort() {
-        let flag = EXHAUSTED.get_or_init(Arc::default);
-        let exhausted = || flag.load(Ordering::SeqCst);
-        let (failed, made) = (std::ptr::null_mut(), std::ptr::dangling_mut());
-        recorded(failed, 1000);
-        assert!(exhausted());
-        // The message and the backtrace allocate, too.
-        (0..5000).for_each(|_| _ = recorded(made, 100));
-        assert!(exhausted());
-        // As much memory as was missing, or a long time without an abort.
-        recorded(made, 1000);
-        assert!(!exhausted());
-        recorded(failed, 1000);
-        (0..=HANDLED).for_each(|_| _ = recorded(made, 100));
-        assert!(!exhausted());
     }
 }

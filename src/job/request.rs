@@ -10,7 +10,7 @@ use crate::film::{Aov, Denoise, Exposure, View, ViewTransform, atomic};
 use crate::rays::Backend;
 use crate::render::RenderSettings;
 use crate::render::identity::RequestedOutputs;
-use crate::scene::import::{ImportOptions, Views};
+use crate::scene::import::ImportOptions;
 use crate::scene::{ClearSky, Framing, Orbit, PlacedCamera};
 
 use super::selection::SceneSelection;
@@ -92,9 +92,6 @@ pub struct RenderRequest {
     /// Maximum bytes of memory; `None`: Slurm's limit, else the machine's memory.
     pub memory_limit: Option<u64>,
 
-    /// All that is to be seen of the scene, if that is known: large pictures are decoded no finer than these views show them.
-    pub views: Option<Views>,
-
     /// Folder that is left out of the paths in the picture's header.
     pub relative_to: Option<PathBuf>,
     /// Names and values by which this was asked for, for the picture's header; `None` if it cannot be asked for again.
@@ -138,7 +135,6 @@ impl Default for RenderRequest {
             resume: false,
             rays: Backend::Embree,
             memory_limit: None,
-            views: None,
             relative_to: None,
             given: None,
         }
@@ -179,7 +175,7 @@ impl RenderRequest {
 
     /// Options of the import.
     pub fn import_options(&self) -> ImportOptions {
-        ImportOptions { views: self.views.clone(), ..self.selection.options(self.strict, self.has_velocities()) }
+        self.selection.options(self.strict, self.has_velocities())
     }
 
     /// Text that distinguishes scenes imported differently from the same files; empty for the default import.
@@ -189,11 +185,7 @@ impl RenderRequest {
         let angle = self.sun_angle.map_or(String::new(), |degrees| format!(", suns of {degrees} degrees"));
         let energy = if self.energy_compensation { "" } else { ", no energy compensation" };
         let velocities = if self.has_velocities() { ", velocities" } else { "" };
-        let seen = self.views.as_ref().map(|Views { size: [width, height], camera, .. }| {
-            let camera = camera.as_deref().unwrap_or("its camera");
-            format!(", pictures as fine as {width}x{height} pixels of {camera} show")
-        });
-        format!("{}{unit}{radius}{angle}{energy}{velocities}{}", self.selection.name(), seen.unwrap_or_default())
+        format!("{}{unit}{radius}{angle}{energy}{velocities}", self.selection.name())
     }
 
     /// Text that identifies a camera that is not one of the file; empty for those of the file.

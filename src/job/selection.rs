@@ -84,7 +84,6 @@ impl SceneSelection {
             pose: seconds.map(|seconds| Pose { seconds, animation: self.animation.clone(), shutter, frame }),
             scene: self.scene_name.clone(),
             variant: self.variant.clone(),
-            views: None,
         }
     }
 

@@ -85,11 +85,7 @@ pub(super) fn study_tiles(settings: &RenderSettings, study: &StudyOptions) -> Ve
     let positions = study.tiles.as_ref().map_or_else(|| tile_positions(settings), |tiles| tiles.to_vec());
     let fresh = |position| Tile::new(position, settings.width, settings.height, settings.columns());
     // By all threads: what pre-passes have freed lies in their arenas, and is not given back to the system.
-    let mut tiles: Vec<_> = positions.into_par_iter().map(fresh).collect();
-    if let Some(shares) = &study.light_shares {
-        tiles.iter_mut().for_each(|tile| tile.set_light_shares(shares, settings.width));
-    }
-    tiles
+    positions.into_par_iter().map(fresh).collect()
 }
 
 /// Minimum and maximum paths of these tiles.

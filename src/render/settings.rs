@@ -174,9 +174,6 @@ fn yes() -> bool {
 /// Options of a render that only studies use. They are not stored in files.
 #[derive(Debug, Clone, Default)]
 pub struct StudyOptions {
-    /// The share of light samples, in [0, 1], that each pixel of the whole picture (row by row) has in the first pass,
-    /// instead of ½. A balance method that does not learn keeps it for all passes.
-    pub light_shares: Option<Arc<[f32]>>,
     /// Stop after this many passes.
     pub max_passes: Option<u32>,
     /// Render only these tiles of the whole picture's grid ([`Tile::grid_position`](super::tile::Tile)), in this order.

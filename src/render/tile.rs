@@ -110,13 +110,6 @@ impl Tile {
         }
     }
 
-    /// Sets the pixels' shares of light samples for the first pass, from those of the whole picture, `width` pixels a row.
-    pub fn set_light_shares(&mut self, shares: &[f32], width: u32) {
-        for (pixel, own) in self.pixels.iter().zip(&mut self.shares) {
-            own.light_share = shares[(pixel.y * width + pixel.x) as usize];
-        }
-    }
-
     /// Pixels a row.
     pub(super) fn width(&self) -> usize {
         self.pixels.iter().take_while(|p| p.y == self.pixels[0].y).count()

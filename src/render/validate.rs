@@ -76,13 +76,8 @@ impl StudyOptions {
     /// Checks that these options fit a picture of these settings.
     ///
     /// # Errors
-    /// [`Error::Usage`] for shares that are not one per pixel or out of [0, 1], and for tiles outside of the picture.
+    /// [`Error::Usage`] for tiles outside of the picture.
     pub(super) fn validate(&self, settings: &RenderSettings) -> Result<()> {
-        let pixels = settings.width as usize * settings.height as usize;
-        if let Some(shares) = &self.light_shares {
-            check(shares.len() == pixels, || format!("{} shares for {pixels} pixels", shares.len()))?;
-            check(shares.iter().all(|share| (0.0..=1.0).contains(share)), || "a share is not in [0, 1]".into())?;
-        }
         let [columns, rows] = [settings.width, settings.height].map(|n| n.div_ceil(TILE));
         let mut tiles = self.tiles.iter().flat_map(|tiles| tiles.iter());
         check(tiles.all(|[x, y]| *x < columns && *y < rows), || "a tile is outside of the picture".into())

@@ -35,7 +35,7 @@ pub fn write_csv<Row: Serialize + DeserializeOwned>(path: &Path, rows: &[Row]) -
 }
 
 /// First bytes of a record; the digit is raised when a kind of record changes.
-const MAGIC: &[u8] = b"bismar study 3\n";
+const MAGIC: &[u8] = b"bismar study 4\n";
 
 /// Keeps a measurement: a magic line, BLAKE3 of the rest, the value in postcard's encoding.
 pub fn keep(path: &Path, value: &impl Serialize) -> Result<()> {

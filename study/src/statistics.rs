@@ -1,6 +1,6 @@
 //! Summaries of values, the same for every study.
 
-use statrs::statistics::{Data, Median, OrderStatistics};
+use statrs::statistics::{Data, Median};
 
 /// Middle of the values, NaN of none.
 pub fn median(values: &[f64]) -> f64 {
@@ -22,17 +22,6 @@ pub fn robust_deviation(values: &[f64]) -> f64 {
 /// Standard error of the median of normal values: 1.2533 times that of their mean.
 pub fn median_error(values: &[f64]) -> f64 {
     1.2533 * robust_deviation(values) / (values.len() as f64).sqrt()
-}
-
-/// For each share q, the least of the values that at least so many of them are not above; NaN of none. (The inverse of the
-/// empirical distribution: always one of the values.)
-pub fn quantiles<const N: usize>(values: Vec<f64>, shares: [f64; N]) -> [f64; N] {
-    let n = values.len();
-    let mut values = Data::new(values);
-    shares.map(|q| match n {
-        0 => f64::NAN,
-        n => values.order_statistic(((q * n as f64).ceil() as usize).clamp(1, n)),
-    })
 }
 
 /// Number, sum and sum of squares.
@@ -81,15 +70,4 @@ pub fn moments(values: &[f64]) -> (f64, f64) {
 /// The one of the values that is farthest from zero, with its sign; zero of none.
 pub fn farthest(values: impl Iterator<Item = f64>) -> f64 {
     values.max_by(|a, b| a.abs().total_cmp(&b.abs())).unwrap_or(0.0)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn quantiles_are_values_of_the_list() {
-        assert_eq!(quantiles(vec![3.0, 1.0, 4.0, 2.0], [0.0, 0.5, 0.51, 1.0]), [1.0, 2.0, 3.0, 4.0]);
-        assert!(quantiles(vec![], [0.5])[0].is_nan());
-    }
 }

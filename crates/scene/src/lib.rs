@@ -2,6 +2,7 @@
 //!
 //! A part of [bismar](https://docs.rs/bismar), which shows all of it by the same paths; a crate of its own only so that it is
 //! compiled in parallel with the others.
+#![allow(missing_docs, reason = "a name that says all needs no line")]
 
 /// Gives an enum the list `ALL` of its variants, in the order of the command line's help, and their names there.
 #[macro_export]

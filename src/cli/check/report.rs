@@ -1,15 +1,14 @@
 //! Checks as text, JSON and JUnit XML.
 
 use std::fmt::Write as _;
-use std::io::Write;
 use std::path::Path;
 
+use maud::{PreEscaped, html};
 use serde_json::json;
 
 use super::outcome::{Check, Limit, Outcome};
 use crate::Result;
-use crate::cli::compare::page::escaped;
-use crate::film::atomic;
+use crate::cli::compare::page::{save, shown};
 use crate::job;
 
 /// Schema version of the JSON; raised when a field changes its meaning or is removed.
@@ -85,29 +84,24 @@ pub fn write_json(path: &Path, checks: &[Check], limit: Limit, seconds: f64) -> 
 
 /// Writes JUnit XML: a test case for each golden picture.
 pub fn write_junit(path: &Path, checks: &[Check]) -> Result<()> {
-    let failures = checks.iter().filter(|c| c.outcome.exit_code().is_none() && !c.outcome.passes() && !c.updated);
-    let errors = checks.iter().filter(|check| check.outcome.exit_code().is_some());
-    let seconds: f64 = checks.iter().map(|check| check.seconds).sum();
-    let mut text = format!(
-        "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<testsuite name=\"bismar check\" tests=\"{}\" failures=\"{}\" \
-         errors=\"{}\" time=\"{seconds:.3}\">\n",
-        checks.len(),
-        failures.count(),
-        errors.count()
-    );
-    for check in checks {
-        let name = escaped(&check.golden.display().to_string());
-        let _ = write!(text, "  <testcase classname=\"bismar\" name=\"{name}\" time=\"{:.3}\"", check.seconds);
-        let tag = match &check.outcome {
-            Outcome::Failed { .. } => Some("error"),
-            outcome if !outcome.passes() && !check.updated => Some("failure"),
-            _ => None,
-        };
-        text += &match tag {
-            Some(tag) => format!(">\n    <{tag} message=\"{}\"/>\n  </testcase>\n", escaped(&line(check))),
-            None => "/>\n".into(),
-        };
-    }
-    text += "</testsuite>\n";
-    atomic::write(path, |file| Ok(Ok(file.write_all(text.as_bytes())?)))
+    let is_error = |check: &Check| check.outcome.exit_code().is_some();
+    let is_failure = |check: &Check| !is_error(check) && !check.outcome.passes() && !check.updated;
+    let count = |of: &dyn Fn(&Check) -> bool| checks.iter().filter(|check| of(check)).count();
+    let seconds = |seconds: f64| format!("{seconds:.3}");
+    let all = checks.iter().map(|check| check.seconds).sum();
+    save(
+        path,
+        &html! {
+            (PreEscaped("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n"))
+            testsuite name="bismar check" tests=(checks.len()) failures=(count(&is_failure)) errors=(count(&is_error))
+                time=(seconds(all)) {
+                @for check in checks {
+                    testcase classname="bismar" name=(shown(&check.golden.display().to_string())) time=(seconds(check.seconds)) {
+                        @if is_error(check) { error message=(shown(&line(check))) {} }
+                        @if is_failure(check) { failure message=(shown(&line(check))) {} }
+                    }
+                }
+            }
+        },
+    )
 }

@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
+use maud::{Markup, html};
 use serde::Serialize;
 
 use super::report::{Pair, Report, and_more, short, shown};
@@ -98,7 +99,7 @@ pub fn summary(numbers: &[u32], worst: usize, pairs: &[Pair]) -> String {
 }
 
 /// SVG chart for the page: relMSE (logarithmic) and FLIP (0 to 1) over the frames, with a mark at the worst frame.
-pub fn curve(numbers: &[u32], worst: usize, pairs: &[Pair]) -> String {
+pub fn curve(numbers: &[u32], worst: usize, pairs: &[Pair]) -> Markup {
     const WIDTH: f64 = 960.0;
     const HEIGHT: f64 = 240.0;
     let (first, last) = (f64::from(numbers[0]), f64::from(numbers[numbers.len() - 1]));
@@ -110,18 +111,23 @@ pub fn curve(numbers: &[u32], worst: usize, pairs: &[Pair]) -> String {
     let line = |class: &str, y: &dyn Fn(usize) -> f64| {
         let at = |i: usize| Some((x(i), y(i))).filter(|(_, y)| y.is_finite());
         let points: Vec<String> = (0..pairs.len()).filter_map(at).map(|(x, y)| format!("{x:.1},{y:.1}")).collect();
-        format!("<polyline class={class} points=\"{}\"/>", points.join(" "))
+        html! { polyline class=(class) points=(points.join(" ")) {} }
     };
     let rel_mse = line("relmse", &|i| HEIGHT * (high - logs[i]) / (high - low));
     let flip = line("flip", &|i| HEIGHT * (1.0 - pairs[i].comparison.flip));
-    let mark = format!("<line class=worst x1={0:.1} x2={0:.1} y1=0 y2={HEIGHT}></line>", x(worst));
-    let described = summary(numbers, worst, pairs);
-    format!(
-        "<figure>\n<svg viewBox=\"-8 -8 {} {}\" role=img aria-label=\"Error over frames: {described}\">\
-         <rect width={WIDTH} height={HEIGHT}></rect>{mark}{rel_mse}{flip}</svg>\n\
-         <figcaption>{described}. Frames {first} to {last}; <span class=relmse>relMSE</span> from 1e{low} (below) to \
-         1e{high}, <span class=flip>FLIP</span> from 0 to 1. Below, the worst frame.</figcaption>\n</figure>\n",
-        WIDTH + 16.0,
-        HEIGHT + 16.0
-    )
+    let (described, at) = (summary(numbers, worst, pairs), x(worst));
+    html! {
+        figure {
+            svg viewBox=(format!("-8 -8 {} {}", WIDTH + 16.0, HEIGHT + 16.0)) role="img"
+                aria-label={ "Error over frames: " (described) } {
+                rect width=(WIDTH) height=(HEIGHT) {}
+                line.worst x1=(at) x2=(at) y1="0" y2=(HEIGHT) {}
+                (rel_mse) (flip)
+            }
+            figcaption {
+                (described) ". Frames " (first) " to " (last) "; " span.relmse { "relMSE" } " from 1e" (low) " (below) to 1e" (high)
+                ", " span.flip { "FLIP" } " from 0 to 1. Below, the worst frame."
+            }
+        }
+    }
 }

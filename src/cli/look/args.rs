@@ -17,8 +17,7 @@ use crate::{Error, Result};
 ///
 /// Of two scenes, old and new, the sheet shows both in one framing with their FLIP error map, and the JSON says what differs; of
 /// two folders, which scenes were added, removed and changed (docs/look.md). Three scenes or more are side by side on one sheet.
-/// A scene without light gets the studio light of `render`. Base colours much finer than the views show are halved
-/// (docs/limits.md).
+/// A scene without light gets the studio light of `render`.
 #[derive(Debug, Args)]
 pub struct LookArgs {
     /// The scene, .gltf or .glb; or two scenes, or two folders of scenes, old and new; or three scenes or more.

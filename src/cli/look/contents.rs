@@ -6,7 +6,7 @@ use serde::Serialize;
 use serde_json::Value;
 
 use crate::scene::import::{Imported, Note, Survey, summary};
-use crate::scene::{Image, Material, StoredImage};
+use crate::scene::{Image, Material};
 use crate::{Error, Result};
 
 /// A box in world space, metres.
@@ -244,8 +244,7 @@ fn arrow(old: &str, new: &str) -> String {
 }
 
 fn texture(image: &Image) -> TextureRow {
-    let StoredImage { size: [width, height], hash } = image.stored.clone().unwrap_or_default();
-    TextureRow { name: image.name.clone(), width, height, hash }
+    TextureRow { name: image.name.clone(), width: image.width, height: image.height, hash: image.hash.clone() }
 }
 
 /// Width, height and depth with three digits.

@@ -1,5 +1,6 @@
 //! The result of a look.
 
+use maud::Markup;
 use serde_json::Value;
 
 use super::sheet::Sheet;
@@ -19,7 +20,7 @@ pub struct Looked {
     /// The exit code's meaning.
     pub verdict: Verdict,
     /// The page of a pair, if it was asked for.
-    pub page: Option<String>,
+    pub page: Option<Markup>,
 }
 
 /// Version of the JSON document.

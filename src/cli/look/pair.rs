@@ -3,6 +3,7 @@
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
+use maud::{Markup, html};
 use serde_json::{Value, json};
 
 use super::args::LookArgs;
@@ -12,7 +13,7 @@ use super::looked::{Looked, SCHEMA};
 use super::sheet::{Cell, Sheet, picture};
 use super::shots::{Shot, Sphere, Subject, exposure_of, hash_of};
 use crate::cli::compare::false_color;
-use crate::cli::compare::page::{escaped, page};
+use crate::cli::compare::page::{page, shown};
 use crate::cli::compare::report::short;
 use crate::console::{Paths, Verdict};
 use crate::film::compare::{compare, flip_map};
@@ -131,13 +132,16 @@ impl Pair {
     }
 
     /// A page as `compare` writes it: all views of both under a slider, and what differs.
-    fn page(&self, names: [&Path; 2], size: [u32; 2]) -> Result<String> {
+    fn page(&self, names: [&Path; 2], size: [u32; 2]) -> Result<Markup> {
         let columns = (self.shots[0].len() as f64).sqrt().ceil() as usize;
         let cell = |shot: &Shot| (shot.label(), shot.developed(self.exposure));
         let [a, b] = [0, 1].map(|i| Sheet::of(&[], self.shots[i].iter().map(cell).collect(), columns, size).picture());
         let comparison = compare(&a, &b).map_err(Error::Bug)?;
-        let words: String = self.words.iter().map(|text| format!("<li>{}\n", escaped(text))).collect();
-        page(names, [&a, &b], &comparison, &format!("<p>A is the old scene, B the new one.\n<ul>\n{words}</ul>\n"))
+        let above = html! {
+            p { "A is the old scene, B the new one." }
+            ul { @for text in &self.words { li { (shown(text)) } } }
+        };
+        page(names, [&a, &b], &comparison, &above)
     }
 }
 

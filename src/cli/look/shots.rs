@@ -5,7 +5,6 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-use clap::ValueEnum;
 use glam::DVec3;
 use serde_json::{Value, json};
 
@@ -18,7 +17,6 @@ use crate::film::{Exposure, Pixels, View, preview::to_byte};
 use crate::job::{Inputs, Loaded, RenderRequest, Session};
 use crate::render::{Choice, Choices, RenderSettings, RunOptions, StopReason, run};
 use crate::scene::Orbit;
-use crate::scene::import::Views;
 use crate::{Error, Result};
 
 /// Centre and radius in metres.
@@ -46,9 +44,7 @@ impl Subject {
             techniques: Choices::new(|_| Choice::Off),
             ..Default::default()
         };
-        let orbits = Direction::value_variants().iter().map(|direction| direction.orbit()).collect();
         let request = RenderRequest {
-            views: Some(Views { size: [look.size.0, look.size.1], orbits, camera: None }),
             scene: scene.into(),
             selection,
             settings,

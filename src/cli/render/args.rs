@@ -33,7 +33,7 @@ use crate::render::{
     Technique,
 };
 use crate::sampling::frame_seed;
-use crate::scene::import::{STANDARD_INPUT, Views};
+use crate::scene::import::STANDARD_INPUT;
 use crate::scene::{ClearSky, Orbit, PlacedCamera};
 use crate::{Error, Result};
 
@@ -413,14 +413,6 @@ impl RenderArgs {
             ..RenderSettings::default()
         };
         let output = self.output();
-        let is_thumbnail = self.preset == Some(Preset::Thumbnail);
-        // Cameras around the scene, and moving ones, share one import.
-        let by_camera = self.orbit.is_none() && self.placed.is_none() && !self.is_posed();
-        let views = self.size.filter(|_| is_thumbnail && by_camera).map(|size| Views {
-            size: [size.0, size.1],
-            orbits: Vec::new(),
-            camera: self.camera.clone(),
-        });
         let args = self.clone();
         Ok(RenderRequest {
             scene: args.scene,
@@ -457,7 +449,6 @@ impl RenderArgs {
             resume: args.resume,
             rays: args.rays,
             memory_limit: args.memory_limit,
-            views,
             relative_to: args.relative_to,
             given: args.given,
         })

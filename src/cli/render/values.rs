@@ -132,12 +132,9 @@ impl Preset {
 
 /// Parser of `--preset`, with what each sets as its help.
 pub fn preset() -> impl TypedValueParser<Value = Preset> {
-    let help = |preset: Preset| {
-        let halves = if preset == Preset::Thumbnail { "; halves large base colours (docs/limits.md)" } else { "" };
-        match preset.denoises() {
-            true => format!("{} --denoise oidn (where it is installed; not in batch files){halves}", preset.flags()),
-            false => preset.flags().to_owned(),
-        }
+    let help = |preset: Preset| match preset.denoises() {
+        true => format!("{} --denoise oidn (where it is installed; not in batch files)", preset.flags()),
+        false => preset.flags().to_owned(),
     };
     let names = Preset::ALL.map(|preset| PossibleValue::new(preset.name()).help(help(preset)));
     let named = |name: String| Preset::ALL.into_iter().find(|preset| preset.name() == name).ok_or("unknown value");

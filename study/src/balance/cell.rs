@@ -13,8 +13,6 @@ use crate::statistics::{median, median_error};
 pub struct Times {
     /// CPU seconds of all threads.
     pub cpu: f64,
-    /// Wall seconds.
-    pub wall: f64,
     /// CPU seconds of `half` in the same round, where it was rendered then.
     pub half_cpu: Option<f64>,
     /// Of the pre-pass of `--guiding`, if requested.
@@ -103,13 +101,13 @@ impl Cell {
         mean
     }
 
-    /// Medians over the first replicas: CPU seconds of all threads, wall seconds, CPU time over that of `half` in the same
-    /// round; and the standard error of the last.
-    pub fn timing(&self, replicas: usize) -> [f64; 4] {
+    /// Medians over the first replicas: CPU seconds of all threads, CPU time over that of `half` in the same round; and the
+    /// standard error of the latter.
+    pub fn timing(&self, replicas: usize) -> [f64; 3] {
         let times = &self.times[..replicas];
-        let median_of = |of: fn(&Times) -> f64| median(&times.iter().map(of).collect::<Vec<_>>());
+        let cpu = times.iter().map(|t| t.cpu).collect::<Vec<_>>();
         let to_half = times.iter().filter_map(|t| Some(t.cpu / t.half_cpu?)).collect::<Vec<_>>();
-        [median_of(|t| t.cpu), median_of(|t| t.wall), median(&to_half), median_error(&to_half)]
+        [median(&cpu), median(&to_half), median_error(&to_half)]
     }
 
     pub fn push(&mut self, replica: &Replica) {

@@ -9,7 +9,7 @@ use tracing::info;
 use super::campaign::Campaign;
 use super::cell::Cell;
 use super::key::{Key, What, keys};
-use super::{Design, Estimator, StudyScene, oracle};
+use super::{Design, StudyScene};
 
 /// Independent renders that make up the reference.
 pub const REFERENCE_PARTS: u32 = 16;
@@ -37,28 +37,19 @@ pub fn measure(
     progress: &(dyn Fn(Progress) + Sync),
 ) -> Result<Measured> {
     let mosaic = design.mosaic()?;
-    let mut campaign = Campaign::new(scene, design, mosaic, "", (stop, progress))?;
+    let mut campaign = Campaign::new(scene, design, mosaic, (stop, progress))?;
     let reference_key = Key { what: What::Reference, spp: design.reference_spp.div_ceil(REFERENCE_PARTS) };
     let mut reference = vec![(reference_key, campaign.stored(reference_key)?)];
     let mut cells = Vec::new();
     for key in keys(design) {
         cells.push((key, campaign.stored(key)?));
     }
-    let wants_oracle = design.estimators.contains(&Estimator::Oracle);
     campaign.all = missing(&reference, REFERENCE_PARTS) + missing(&cells, design.replicas);
     if campaign.all > 0.0 {
         info!("{}: {:.0} Mpaths to take", scene.name, campaign.all * campaign.pixels() as f64 / 1e6);
     }
-    campaign.shares = if wants_oracle { campaign.stored_shares()? } else { None };
-    if wants_oracle && campaign.shares.is_none() {
-        campaign.all += f64::from(oracle::spp(design) * design.replicas) * oracle::SHARES.len() as f64;
-    }
-
     campaign.rounds(&mut reference, REFERENCE_PARTS as usize)?;
     let reference = reference.remove(0).1;
-    if wants_oracle && campaign.shares.is_none() {
-        campaign.train(&reference)?;
-    }
     for spp in &design.spp {
         let (mut these, others) = cells.into_iter().partition::<Vec<_>, _>(|(key, _)| key.spp == *spp);
         cells = others;
@@ -69,7 +60,7 @@ pub fn measure(
 }
 
 /// Paths a pixel that cells lack.
-pub(super) fn missing(cells: &[(Key, Cell)], replicas: u32) -> f64 {
+fn missing(cells: &[(Key, Cell)], replicas: u32) -> f64 {
     let left = |c: &Cell| f64::from(replicas) - c.replicas().min(replicas as usize) as f64;
-    cells.iter().map(|(key, cell)| key.work() * left(cell)).sum()
+    cells.iter().map(|(key, cell)| f64::from(key.spp) * left(cell)).sum()
 }

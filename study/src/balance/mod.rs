@@ -10,13 +10,10 @@ pub mod cell;
 pub mod key;
 pub mod measure;
 pub mod mosaic;
-pub mod oracle;
 pub mod page;
-pub mod portrait;
 pub mod ratio;
 pub mod resample;
 pub mod scene;
-mod scene_results;
 pub mod table;
 pub mod whole;
 
@@ -30,10 +27,8 @@ use serde_json::Value;
 pub use measure::{Measured, measure};
 pub use mosaic::Mosaic;
 pub use page::write;
-pub use portrait::{Portrait, portrait};
 pub use scene::StudyScene;
-pub use scene_results::SceneResults;
-pub use table::Row;
+pub use table::{Row, SceneResults};
 
 use crate::report::plural;
 
@@ -94,8 +89,6 @@ pub enum Estimator {
     Method(Balance),
     /// One of `--balance` with other techniques than settings have that name none.
     With(Balance, Choices),
-    /// The best fixed share of each pixel, found by brute force beforehand: the limit, not a method.
-    Oracle,
 }
 
 /// The choices that `text` makes, as in `+guiding-compensation`; `None` if there is no such technique.
@@ -116,8 +109,7 @@ impl Estimator {
     /// All of them, `half` first.
     pub fn all() -> Vec<Self> {
         let others = Balance::all().iter().filter(|b| **b != Balance::Half);
-        let methods = std::iter::once(&Balance::Half).chain(others).map(|&b| Estimator::Method(b));
-        methods.chain([Estimator::Oracle]).collect()
+        std::iter::once(&Balance::Half).chain(others).map(|&b| Estimator::Method(b)).collect()
     }
 
     pub fn name(self) -> String {
@@ -129,7 +121,6 @@ impl Estimator {
                     choices.named().map(|(technique, choice)| format!("{}{}", sign(&choice), technique.row().flag));
                 words.fold(balance.name().to_owned(), |name, word| name + &word)
             }
-            Estimator::Oracle => "oracle".to_owned(),
         }
     }
 
@@ -139,25 +130,16 @@ impl Estimator {
         Self::all().into_iter().find(|e| e.name() == name).or_else(|| Balance::all().iter().find_map(with))
     }
 
-    /// Balance and techniques.
     pub fn parts(self) -> (Balance, Choices) {
         match self {
             Self::Method(balance) => (balance, Choices::unnamed()),
             Self::With(balance, choices) => (balance, choices),
-            Self::Oracle => (Balance::Half, Choices::unnamed()),
         }
     }
 
     /// Are its paths guided where that pays?
     pub fn is_guided(self) -> bool {
         self.parts().1[Technique::Guiding] != Choice::Off
-    }
-
-    /// The balance shown next to `half`: the default, if it is studied.
-    pub fn shown(estimators: &[Self]) -> Balance {
-        let methods = estimators.iter().filter_map(|e| if let Self::Method(b) = e { Some(*b) } else { None });
-        let default = bismar::render::RenderSettings::default().balance;
-        methods.min_by_key(|&b| (b != default, b == Balance::Half)).unwrap_or(default)
     }
 }
 

@@ -78,17 +78,6 @@ impl Mosaic {
         [column * TILE + x % TILE, row * TILE + y % TILE]
     }
 
-    /// Expands shares of measured pixels to the whole picture; all other pixels get ½.
-    pub fn spread(&self, shares: &[f32]) -> Arc<[f32]> {
-        let [width, height] = self.picture;
-        let mut all = vec![0.5; (width * height) as usize];
-        for (pixel, &share) in shares.iter().enumerate() {
-            let [x, y] = self.coordinates(pixel);
-            all[(y * width + x) as usize] = share;
-        }
-        all.into()
-    }
-
     /// Applies `of` to each measured pixel of some tiles, given by their numbers in the mosaic, in the order of
     /// `tiles`; the default elsewhere. `of` takes a tile and a pixel's index in it.
     pub fn gather<T: Clone + Default>(

@@ -47,7 +47,6 @@ impl Deviations {
         &self.values[pixel * self.replicas..][..self.replicas]
     }
 
-    /// A pixel's sample variance.
     pub fn variance_of_all(&self, pixel: usize) -> f64 {
         self.pixel(pixel).iter().map(|y| y[3]).sum::<f64>() / (self.replicas - 1) as f64
     }
@@ -166,11 +165,6 @@ fn ratio(own: &[[f64; 4]], base: &[[f64; 4]], pixel: usize) -> Option<Ratio> {
 /// Mean of the bias-corrected ratios.
 pub fn mean(ratios: &[Ratio]) -> f64 {
     ratios.iter().map(|r| r.corrected).sum::<f64>() / ratios.len() as f64
-}
-
-/// Share of the ratios above [`WORSE`].
-pub fn worse(ratios: &[f64]) -> f64 {
-    ratios.iter().filter(|r| **r > WORSE).count() as f64 / ratios.len() as f64
 }
 
 /// The pixels that are worse beyond what noise explains: their z above [`WORSE`] is beyond what the control's ratios

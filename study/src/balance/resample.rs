@@ -3,27 +3,22 @@
 use bismar::sampling::hash;
 use rayon::prelude::*;
 
-use super::ratio::{Deviations, Ratio, worse};
-use crate::statistics::{mean_of, moments, quantiles};
+use super::ratio::{Deviations, Ratio};
+use crate::statistics::{mean_of, median, moments};
 
 pub const RESAMPLES: u32 = 200;
-/// Shares of pixels whose ratio is at most the percentile.
-pub const PERCENTILES: [f64; 4] = [0.5, 0.95, 0.99, 1.0];
 
-/// Summary of a picture's ratios: their mean, the mean variance over the other's mean variance, the share of pixels above
-/// [`super::ratio::WORSE`], and the [`PERCENTILES`].
-pub type Summary = [f64; 7];
+/// Summary of a picture's ratios: their mean, the mean variance over the other's mean variance, and their median.
+pub type Summary = [f64; 3];
 
-fn of_ratios(ratios: Vec<f64>, own: f64, base: f64) -> Summary {
-    let (mean, worse) = (mean_of(ratios.iter().copied()), worse(&ratios));
-    let [a, b, c, d] = quantiles(ratios, PERCENTILES);
-    [mean, own / base, worse, a, b, c, d]
+fn of_ratios(ratios: &[f64], own: f64, base: f64) -> Summary {
+    [mean_of(ratios.iter().copied()), own / base, median(ratios)]
 }
 
 /// The summary of plain (not bias-corrected) ratios.
 pub fn summary(own: &Deviations, base: &Deviations, ratios: &[Ratio]) -> Summary {
     let total = |d: &Deviations| (0..d.pixels()).map(|p| d.variance_of_all(p)).sum::<f64>();
-    of_ratios(ratios.iter().map(|r| r.ratio).collect(), total(own), total(base))
+    of_ratios(&ratios.iter().map(|r| r.ratio).collect::<Vec<_>>(), total(own), total(base))
 }
 
 /// Standard errors of the summary: its standard deviation over resampled replicas, drawn for both alike (their replicas
@@ -49,8 +44,8 @@ pub fn standard_errors(own: &Deviations, base: &Deviations, ratios: &[Ratio]) ->
             // A pixel whose variance few replicas make can lose all of it.
             (b > 0.01 * (n - 1) as f64 * base.variance_of_all(ratio.pixel)).then(|| a / b)
         };
-        let values = ratios.iter().filter_map(of).collect();
-        of_ratios(values, all_own, all_base)
+        let values = ratios.iter().filter_map(of).collect::<Vec<_>>();
+        of_ratios(&values, all_own, all_base)
     };
     let draws = (0..RESAMPLES).into_par_iter().map(draw).collect::<Vec<_>>();
     let deviation = |i: usize| moments(&draws.iter().map(|d| d[i]).collect::<Vec<_>>()).1.sqrt();

@@ -31,10 +31,8 @@ pub struct Row {
     pub constant: usize,
     pub rel_mse: f64,
     pub rel_mse_se: f64,
-    pub mse: f64,
     pub bias_z: f64,
     pub cpu_seconds: f64,
-    pub wall_seconds: f64,
     pub time_ratio: f64,
     pub time_ratio_se: f64,
     pub inverse_efficiency: f64,
@@ -44,26 +42,9 @@ pub struct Row {
     pub ratio_of_means_se: f64,
     pub equal_time_ratio: f64,
     pub equal_time_ratio_se: f64,
-    pub found_ratio: Option<f64>,
-    pub found_ratio_se: Option<f64>,
-    pub found_ratio_of_means: Option<f64>,
-    pub to_oracle: Option<f64>,
-    pub worse: f64,
-    pub worse_se: f64,
-    pub worse_control: f64,
     pub worse_surely: f64,
     pub p50: f64,
     pub p50_se: f64,
-    pub p95: f64,
-    pub p95_se: f64,
-    pub p99: f64,
-    pub p99_se: f64,
-    pub p100: f64,
-    pub p100_se: f64,
-    pub p50_control: f64,
-    pub p95_control: f64,
-    pub p99_control: f64,
-    pub p100_control: f64,
     pub log_error: f64,
     pub worst_held_out: Option<f64>,
     pub worst_held_out_se: Option<f64>,
@@ -84,14 +65,30 @@ pub struct Outcome {
     pub estimator: Option<Estimator>,
     /// Per-pixel ratios to `half`.
     pub ratios: Vec<Ratio>,
-    /// Each pixel's variance, as a part of relMSE.
-    pub variances: Vec<f64>,
     /// Each pixel's mean share of light samples.
     pub shares: Vec<f32>,
 }
 
+/// The results of a scene.
+pub struct SceneResults {
+    pub name: String,
+    /// From the fewest samples up.
+    pub levels: Vec<Level>,
+}
+
+impl SceneResults {
+    pub fn new(scene: &StudyScene, design: &Design, measured: &Measured) -> Self {
+        Self { name: scene.name.clone(), levels: levels(scene, design, measured) }
+    }
+
+    /// That of the most samples.
+    pub fn top(&self) -> Option<&Level> {
+        self.levels.last()
+    }
+}
+
 /// Judges the measurements of a scene, from the fewest samples up.
-pub fn levels(scene: &StudyScene, design: &Design, measured: &Measured) -> Vec<Level> {
+fn levels(scene: &StudyScene, design: &Design, measured: &Measured) -> Vec<Level> {
     let reference = measured.reference.mean();
     design
         .spp
@@ -108,27 +105,19 @@ pub fn levels(scene: &StudyScene, design: &Design, measured: &Measured) -> Vec<L
             let against = (judged(control), &base, &judgeable);
             let judge = |estimator: Option<Estimator>, cell: &Cell| {
                 let own = judged(cell);
-                let found = match estimator {
-                    Some(Estimator::Method(balance)) => measured.get(What::Found(balance), spp),
-                    _ => None,
-                };
-                let found = found.map(judged);
                 let reference = (&reference[..], &measured.reference);
                 let name = estimator.map_or(CONTROL.to_owned(), Estimator::name);
-                let row = row((&scene.name, name, spp), cell, reference, (&own, &against), found.as_ref());
-                let variances = (0..own.own.pixels()).map(|p| own.own.variance_of_all(p)).collect();
-                Outcome { row, estimator, ratios: own.ratios, variances, shares: cell.mean_shares() }
+                let row = row((&scene.name, name, spp), cell, reference, (&own, &against));
+                Outcome { row, estimator, ratios: own.ratios, shares: cell.mean_shares() }
             };
             let mut results = Vec::new();
             for (key, cell) in measured.cells.iter().filter(|(key, _)| key.spp == spp) {
                 match key.what {
                     What::Picture(estimator) => results.push(judge(Some(estimator), cell)),
                     What::Control => results.push(judge(None, cell)),
-                    What::Found(_) | What::Reference => {}
+                    What::Reference => {}
                 }
             }
-            let oracle = results.iter().find(|o| o.estimator == Some(Estimator::Oracle)).map(|o| o.row.ratio);
-            results.iter_mut().for_each(|o| o.row.to_oracle = oracle.map(|limit| o.row.ratio / limit));
             Some(Level { spp, results })
         })
         .collect()
@@ -149,10 +138,6 @@ impl Judged {
         let errors = resample::standard_errors(&own, base, &ratios);
         Self { own, ratios, summary, errors }
     }
-
-    fn mean(&self) -> f64 {
-        ratio::mean(&self.ratios)
-    }
 }
 
 fn row(
@@ -160,18 +145,15 @@ fn row(
     cell: &Cell,
     (reference, parts): (&[f64], &Cell),
     (judged, (control, base, judgeable)): (&Judged, &(Judged, &Deviations, &Judgeable)),
-    found: Option<&Judged>,
 ) -> Row {
     let replicas = base.replicas();
     let n = replicas as f64;
-    let squares = |r: usize| cell.picture(r).iter().zip(reference).map(|(&x, r)| (f64::from(x) - r).powi(2));
     let rel_mses = (0..replicas).map(|r| rel_mse(cell.picture(r), reference)).collect::<Vec<_>>();
     let (rel_mse, rel_mse_variance) = moments(&rel_mses);
-    let [cpu_seconds, wall_seconds, time_ratio, time_ratio_se] = cell.timing(replicas);
-    let [_, ratio_of_means, worse, p50, p95, p99, p100] = judged.summary;
-    let [ratio_se, ratio_of_means_se, worse_se, p50_se, p95_se, p99_se, p100_se] = judged.errors;
-    let [_, _, worse_control, p50_control, p95_control, p99_control, p100_control] = control.summary;
-    let ratio = judged.mean();
+    let [cpu_seconds, time_ratio, time_ratio_se] = cell.timing(replicas);
+    let [_, ratio_of_means, p50] = judged.summary;
+    let [ratio_se, ratio_of_means_se, p50_se] = judged.errors;
+    let ratio = ratio::mean(&judged.ratios);
     let worst = ratio::worst_held_out(&judged.own, base, &judgeable.pixels, WORST);
     let surely = ratio::surely_worse(&judged.ratios, &control.ratios).len();
     Row {
@@ -184,10 +166,8 @@ fn row(
         constant: judgeable.constant,
         rel_mse,
         rel_mse_se: (rel_mse_variance / n).sqrt(),
-        mse: (0..replicas).map(|r| mean_of(squares(r))).sum::<f64>() / n,
         bias_z: bias_z(cell, replicas, reference, parts),
         cpu_seconds,
-        wall_seconds,
         time_ratio,
         time_ratio_se,
         inverse_efficiency: rel_mse * cpu_seconds,
@@ -197,26 +177,9 @@ fn row(
         ratio_of_means_se,
         equal_time_ratio: ratio * time_ratio,
         equal_time_ratio_se: (ratio_se * time_ratio).hypot(ratio * time_ratio_se),
-        found_ratio: found.map(Judged::mean),
-        found_ratio_se: found.map(|f| f.errors[0]),
-        found_ratio_of_means: found.map(|f| f.summary[1]),
-        to_oracle: None,
-        worse,
-        worse_se,
-        worse_control,
         worse_surely: surely as f64 / judged.ratios.len() as f64,
         p50,
         p50_se,
-        p95,
-        p95_se,
-        p99,
-        p99_se,
-        p100,
-        p100_se,
-        p50_control,
-        p95_control,
-        p99_control,
-        p100_control,
         log_error: median(&judged.ratios.iter().map(|r| r.log_error).collect::<Vec<_>>()),
         worst_held_out: worst.map(|w| w.0),
         worst_held_out_se: worst.map(|w| w.1),
@@ -269,7 +232,7 @@ struct Results<'a, R> {
 }
 
 /// Rises when a column changes its meaning or is removed.
-const SCHEMA: u32 = 1;
+const SCHEMA: u32 = 2;
 
 /// Writes rows as `results.csv` and `results.json`.
 pub fn write<R: Serialize + DeserializeOwned>(design: &Design, rows: &[R]) -> Result<()> {

@@ -3,7 +3,6 @@
 //! The score is relMSE × CPU seconds over that of `half` at as many paths. A reference of few paths would be in all errors:
 //! its own, which its parts tell, is taken off.
 
-pub mod field;
 pub mod page;
 
 use serde::{Deserialize, Serialize};
@@ -45,18 +44,12 @@ pub struct SceneResults {
     pub name: String,
     /// From the fewest paths up, `half` first.
     pub rows: Vec<Row>,
-    /// The reference, three numbers a pixel.
-    pub reference: Vec<f64>,
     /// Pictures of each technique with the most paths, in the rows' order.
     pub pictures: Vec<Pictures>,
-    /// Guiding field for the most paths, if a technique uses guiding and its pre-pass decides for it.
-    pub field: Option<field::FieldPicture>,
 }
 
 pub struct Pictures {
     pub estimator: Estimator,
-    /// One replica of the fewest paths, three numbers a pixel.
-    pub example: Vec<f32>,
     /// Each pixel's squared error as a part of relMSE, the mean of the replicas.
     pub errors: Vec<f64>,
     /// Each pixel's mean share of light samples.
@@ -77,11 +70,10 @@ impl SceneResults {
             let half = measured.get(What::Picture(HALF), key.spp)?;
             Some(row((&scene.name, estimator, key.spp), cell, half, &truth, replicas))
         };
-        let [least, most] = [design.spp.first(), design.spp.last()].map(|spp| spp.copied().unwrap_or(0));
+        let most = design.spp.last().copied();
         let pictures = |(key, cell): &(Key, Cell)| match key.what {
-            What::Picture(estimator) if key.spp == most => Some(Pictures {
+            What::Picture(estimator) if Some(key.spp) == most => Some(Pictures {
                 estimator,
-                example: measured.get(key.what, least)?.picture(0).to_vec(),
                 errors: errors(cell, &reference, replicas),
                 shares: cell.mean_shares(),
                 paths: cell.paths_of(0).to_vec(),
@@ -89,8 +81,7 @@ impl SceneResults {
             _ => None,
         };
         let (rows, pictures) = (measured.cells.iter().filter_map(rows), measured.cells.iter().filter_map(pictures));
-        let field = design.estimators.iter().any(|e| e.is_guided()).then(|| field::seen(scene, most)).flatten();
-        Self { name: scene.name.clone(), rows: rows.collect(), pictures: pictures.collect(), field, reference }
+        Self { name: scene.name.clone(), rows: rows.collect(), pictures: pictures.collect() }
     }
 
     /// A technique's rows, from the fewest paths up.
@@ -134,7 +125,7 @@ fn row(
     let (own, base) = (rel_mses(cell), rel_mses(half));
     let (rel_mse, variance) = moments(&own);
     let (rel_mse_ratio, rel_mse_ratio_se) = ratio(&own, &base);
-    let [cpu_seconds, _, time_ratio, time_ratio_se] = cell.timing(replicas);
+    let [cpu_seconds, time_ratio, time_ratio_se] = cell.timing(replicas);
     let times = &cell.times[..replicas];
     let optional_mean = |values: Vec<f64>| (!values.is_empty()).then(|| mean_of(values.into_iter()));
     let prepass =

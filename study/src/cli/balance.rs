@@ -10,8 +10,8 @@ use bismar::render::{Integrator, Progress};
 use clap::Args;
 
 use super::common::{RunArgs, open};
-use crate::balance::table::{Level, levels};
-use crate::balance::{Design, Estimator, SceneResults, StudyScene, measure, portrait, whole, write};
+use crate::balance::table::Level;
+use crate::balance::{Design, Estimator, SceneResults, StudyScene, measure, whole, write};
 use crate::report::Table;
 
 /// Measure the error of each --balance against a converged reference.
@@ -27,8 +27,7 @@ pub(super) struct BalanceArgs {
     /// Folder of the results.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Estimators to compare with half, separated by commas, or all. oracle is the best fixed share of light samples per
-    /// pixel, found by brute force; NAME+guiding and NAME+adaptive add --guiding auto and --adaptive=auto, NAME-compensation
+    /// Estimators to compare with half, separated by commas, or all. NAME+guiding and NAME+adaptive add --guiding auto and --adaptive=auto, NAME-compensation
     /// and NAME-learned-lights turn these off.
     #[arg(long, value_name = "LIST", value_parser = estimators)]
     balance: Option<Estimators>,
@@ -138,33 +137,29 @@ pub(super) fn run(args: &BalanceArgs, verbosity: Verbosity) -> Result<Verdict> {
     let stop = Signals::listen()?.stop;
     let reporter = args.run.reporter(verbosity);
     let start = Instant::now();
-    // Maps progress of one phase of scene i, from fraction `from` to `to`, to progress of all scenes.
-    let at = |i: usize, from: f64, to: f64| {
+    // Maps progress of scene i to progress of all scenes.
+    let at = |i: usize| {
         let (reporter, start, all) = (&reporter, &start, args.scenes.len() as f64);
         move |p: Progress| {
-            let fraction = (i as f64 + from + p.fraction * (to - from)) / all;
+            let fraction = (i as f64 + p.fraction) / all;
             reporter.update(Progress { fraction, seconds: start.elapsed().as_secs_f64(), ..p });
         }
     };
     let ended = |_: &_| reporter.finish(false);
-    let shown = Estimator::shown(&design.estimators);
     let (mut results, mut pictures) = (Vec::new(), Vec::new());
     for (i, path) in args.scenes.iter().enumerate() {
         let scene = StudyScene::load(path, &design)?;
+        let measured = measure(&scene, &design, &stop, &at(i)).inspect_err(ended)?;
         if design.whole {
-            let measured = measure(&scene, &design, &stop, &at(i, 0.0, 1.0)).inspect_err(ended)?;
             pictures.push(whole::SceneResults::new(&scene, &design, &measured));
             print(scores(&design, &pictures[i]))?;
             whole::page::write(&design, &pictures)?;
             continue;
         }
-        let measured = measure(&scene, &design, &stop, &at(i, 0.0, 0.97)).inspect_err(ended)?;
-        let portrait = portrait(&scene, &design, shown, &stop, &at(i, 0.97, 1.0)).inspect_err(ended)?;
-        let levels = levels(&scene, &design, &measured);
-        if let Some(level) = levels.last() {
+        results.push(SceneResults::new(&scene, &design, &measured));
+        if let Some(level) = results[i].top() {
             print(summary(&scene.name, &design, level))?;
         }
-        results.push(SceneResults::new(&scene.name, levels, &measured, portrait));
         // The report can be read while the other scenes are measured.
         write(&design, &results)?;
     }
@@ -185,7 +180,7 @@ fn scores(design: &Design, scene: &whole::SceneResults) -> String {
 /// Table of the largest number of paths, for the terminal.
 fn summary(scene: &str, design: &Design, level: &Level) -> String {
     let rows = level.results.iter().map(|outcome| &outcome.row).collect::<Vec<_>>();
-    let fields = "estimator rel_mse cpu_seconds ratio found_ratio time_ratio worse worse_surely p99 worst_held_out";
+    let fields = "estimator rel_mse cpu_seconds ratio time_ratio worse_surely p50 worst_held_out";
     let table = Table::of_fields(&rows, fields);
     format!("{scene}, {} paths a pixel, {} replicas\n{}", level.spp, design.replicas, table.text())
 }

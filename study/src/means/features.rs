@@ -18,7 +18,6 @@ use glam::{Affine3A, DAffine3, DQuat, DVec3, Quat, Vec3, Vec4, dvec3, vec3};
 
 use super::materials::{BODIES, SURFACES, between, make, textured};
 
-/// A kind of features.
 struct Kind {
     name: &'static str,
     /// How often a random scene has one.

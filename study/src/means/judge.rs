@@ -119,7 +119,6 @@ pub struct Together {
 const LEAST_ERROR: f64 = 0.01;
 
 impl Together {
-    /// Adds a scene.
     pub fn add(&mut self, region: usize, (own, of): (&[Picture], OfPicture), reference: &[Picture]) {
         let [a, b] = [own, reference].map(|pictures| pictures.split_at(pictures.len() / 2));
         let tests = [(a.0, b.0), (a.1, b.1)].map(|(a, b)| Test::new(region, (a, of), b, (0.0, 1.0, 1.0)));

@@ -123,7 +123,6 @@ pub struct Results {
 }
 
 impl Results {
-    /// Rows of wrong means.
     pub fn wrong(&self) -> impl Iterator<Item = &Row> {
         self.rows.iter().filter(|row| row.wrong)
     }

@@ -31,7 +31,6 @@ const LOST_PIXELS: f64 = 0.1;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Means {
     Whole,
-    /// In two parts.
     Parts,
     /// The sum of the groups of lights.
     Groups,
@@ -39,7 +38,6 @@ enum Means {
     Reversed,
 }
 
-/// A way to render.
 #[derive(Debug, Clone)]
 pub struct Way {
     pub name: String,

@@ -12,13 +12,12 @@ use bismar::render::{Balance, RenderSettings, render};
 use bismar::sampling::SplitMix64;
 use bismar::{Error, Result};
 use rayon::ThreadPool;
-use rayon::prelude::*;
 
 use super::agree::{Answers, Judge};
-use super::host::{Bench, instructions};
-use super::replay::{Sink, answer, in_turn, replay, spaces};
+use super::host::Bench;
+use super::replay::{Sink, in_turn, spaces};
 use super::stream::{self, Stream};
-use super::table::{Agreement, Build, Picture, Results, Scaling, Trace};
+use super::table::{Agreement, Build, Picture, Results, Trace};
 use super::{Contender, Design, LARGE, Subject};
 use crate::clock::{process_seconds, thread_seconds};
 use crate::statistics::{farthest, median, median_error, robust_deviation};
@@ -32,10 +31,6 @@ const BUILD_SECONDS: f64 = 0.5;
 const MOST_BUILDS: usize = 5;
 /// Up to this many triangles, builds by one thread are timed for all contenders, not for the two defaults alone.
 const FEW: u64 = 2_000_000;
-/// Stream whose scaling over threads is measured.
-const SCALED: &str = "diffuse";
-/// For so long on one thread, so that starting threads does not count.
-const SCALED_SECONDS: f64 = 0.1;
 
 /// Measures everything of `design` on one scene and adds it to `results`. `progress` is handed the share that is done.
 pub fn measure(
@@ -71,12 +66,12 @@ pub fn measure(
     let mut contenders = contenders.map(|c| (c.name(), c.clone())).collect::<Vec<_>>();
     contenders.insert(0, (CONTROL.to_owned(), baseline.clone()));
     let all = contenders.len() as f64;
-    // Per stream, all rounds of the baseline and its instructions.
-    let mut own = vec![(Vec::new(), None); streams.len()];
+    // Per stream, all rounds of the baseline.
+    let mut own = vec![Vec::new(); streams.len()];
     for (i, (name, contender)) in contenders.into_iter().enumerate() {
         progress(i as f64 / all);
         campaign.go_on()?;
-        bench.one.install(|| bench.gauge.note(&mut results.hosts[0]));
+        results.hosts[0].note();
         let (backend, mut built) = match campaign.build(&contender, contender == Contender::other()) {
             Err(Error::Data(text)) => {
                 results.notes.push(format!("{}: {name} cannot build it: {text}", subject.name));
@@ -99,24 +94,16 @@ pub fn measure(
         let rounds = campaign.rounds(&streams, &base, (&contender, &side))?;
         progress((i as f64 + 0.7) / all);
         for (((stream, of_base), rounds), own) in streams.iter().zip(&answers).zip(rounds).zip(&mut own) {
-            campaign.go_on()?;
-            let mut sink = Sink::default();
-            let count = bench.one.install(|| instructions(|| _ = replay(side.backend, stream, &mut sink)));
-            results.traces.push(campaign.trace(&name, (stream, of_base.hit_share()), &rounds, 1, count));
-            own.0.extend(rounds);
-            own.1 = own.1.or(count);
-            if stream.name == SCALED && (contender == baseline || contender == Contender::other()) {
-                let name = contender.name();
-                results.scalings.extend(campaign.scaling(&name, stream, &side));
-            }
+            results.traces.push(campaign.trace(&name, (stream, of_base.hit_share()), &rounds, 1));
+            own.extend(rounds);
         }
         if design.spp > 0 {
             results.pictures.push(campaign.pictures(&name, &base, &side)?);
         }
         results.builds.push(built);
     }
-    for ((stream, of_base), (rounds, instructions)) in streams.iter().zip(&answers).zip(&own) {
-        let mut row = campaign.trace(&baseline.name(), (stream, of_base.hit_share()), rounds, 0, *instructions);
+    for ((stream, of_base), rounds) in streams.iter().zip(&answers).zip(&own) {
+        let mut row = campaign.trace(&baseline.name(), (stream, of_base.hit_share()), rounds, 0);
         (row.speed_ratio, row.speed_ratio_se) = (1.0, 0.0);
         results.traces.push(row);
     }
@@ -230,14 +217,7 @@ impl Campaign<'_> {
         Ok(all)
     }
 
-    fn trace(
-        &self,
-        name: &str,
-        (stream, hit_share): (&Stream, f64),
-        rounds: &[[f64; 2]],
-        which: usize,
-        instructions: Option<u64>,
-    ) -> Trace {
+    fn trace(&self, name: &str, (stream, hit_share): (&Stream, f64), rounds: &[[f64; 2]], which: usize) -> Trace {
         let subject = self.subject;
         let own = rounds.iter().map(|r| r[which]).collect::<Vec<_>>();
         let (speed_ratio, speed_ratio_se) = ratio(rounds);
@@ -257,35 +237,7 @@ impl Campaign<'_> {
             mrays_spread: rate * robust_deviation(&own) / median(&own),
             speed_ratio,
             speed_ratio_se,
-            instructions_per_ray: instructions.map(|n| n as f64 / rays),
         }
-    }
-
-    /// All threads against one on the same batches, by the wall clock, in turn.
-    fn scaling(&self, name: &str, stream: &Stream, side: &Side) -> Option<Scaling> {
-        let threads = self.bench.all.current_num_threads();
-        let n = stream.queries.len();
-        let wall = |pool: &ThreadPool, times: usize| {
-            let start = Instant::now();
-            let queries = (0..times * n).into_par_iter();
-            pool.install(|| {
-                queries.for_each_init(Sink::default, |sink, i| answer(side.backend, &stream.queries[i % n], sink));
-            });
-            start.elapsed().as_secs_f64()
-        };
-        let times = ((SCALED_SECONDS / wall(&self.bench.one, 1)).ceil() as usize).clamp(1, 1000);
-        let wall = |pool: &ThreadPool| wall(pool, times);
-        let rounds = (0..self.design.rounds).map(|_| [wall(&self.bench.one), wall(&self.bench.all)]);
-        let (speedup, speedup_se) = ratio(&rounds.collect::<Vec<_>>());
-        (threads > 1).then(|| Scaling {
-            machine: self.machine.clone(),
-            scene: self.subject.name.clone(),
-            backend: name.to_owned(),
-            stream: stream.name.clone(),
-            threads,
-            speedup,
-            speedup_se,
-        })
     }
 
     /// Pictures by both, in turn, with different seeds: their times, and the z of their means.

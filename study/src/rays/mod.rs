@@ -3,8 +3,8 @@
 //! Every contender is measured in turn with the baseline, `embree` as the renderer uses it: the two take turns on the same
 //! recorded rays, round by round, so that whatever else the machine does meets both, and their ratio is what is
 //! reported. Only two acceleration structures are ever in memory. Seconds are processor seconds of one thread unless stated
-//! otherwise: another program on the same cores does not count (but its use of caches and memory does: see the gauges of
-//! [`host`]). The control `embree (again)` is the baseline built a second time: its true ratio is 1.
+//! otherwise: another program on the same cores does not count (but its use of caches and memory
+//! does). The control `embree (again)` is the baseline built a second time: its true ratio is 1.
 
 pub mod agree;
 pub mod contender;

@@ -91,7 +91,7 @@ fn scene_section(page: &mut Page, results: &Results, scene: &str) {
          the longer build has paid off.",
     )]);
     let traces = results.traces.iter().filter(|t| t.scene == scene).collect::<Vec<_>>();
-    let speed = "stream backend rays hit_share mrays_per_second speed_ratio>1 instructions_per_ray";
+    let speed = "stream backend rays hit_share mrays_per_second speed_ratio>1";
     page.table(&Table::of_fields(&traces, speed));
     page.heading("Builds");
     let builds = results.builds.iter().filter(|b| b.scene == scene).collect::<Vec<_>>();

@@ -11,7 +11,7 @@ use crate::files;
 use crate::provenance::Provenance;
 
 /// Rises when a column changes its meaning or is removed.
-const SCHEMA: u32 = 1;
+const SCHEMA: u32 = 2;
 
 pub(super) const BASELINE: &str = "embree";
 
@@ -26,7 +26,6 @@ pub struct Results {
     pub traces: Vec<Trace>,
     pub builds: Vec<Build>,
     pub pictures: Vec<Picture>,
-    pub scalings: Vec<Scaling>,
     pub agreements: Vec<Agreement>,
     /// Failed measurements and unexplained differences, as sentences.
     pub notes: Vec<String>,
@@ -48,7 +47,6 @@ pub struct Trace {
     pub mrays_spread: f64,
     pub speed_ratio: f64,
     pub speed_ratio_se: f64,
-    pub instructions_per_ray: Option<f64>,
 }
 
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -87,17 +85,6 @@ pub struct Picture {
     pub speed_ratio_se: f64,
     pub crossover_spp: Option<f64>,
     pub bias_z: f64,
-}
-
-#[derive(Debug, Clone, Serialize, Deserialize)]
-pub struct Scaling {
-    pub machine: String,
-    pub scene: String,
-    pub backend: String,
-    pub stream: String,
-    pub threads: usize,
-    pub speedup: f64,
-    pub speedup_se: f64,
 }
 
 /// Whether a backend hits what the baseline hits.
@@ -157,7 +144,6 @@ impl Results {
             traces: Vec::new(),
             builds: Vec::new(),
             pictures: Vec::new(),
-            scalings: Vec::new(),
             agreements: Vec::new(),
             notes: Vec::new(),
         }
@@ -181,7 +167,7 @@ impl Results {
                 $(files::write_csv(&folder.join(concat!(stringify!($table), ".csv")), &self.$table)?;)*
             };
         }
-        write!(traces builds pictures scalings agreements);
+        write!(traces builds pictures agreements);
         Ok(())
     }
 }

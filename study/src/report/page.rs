@@ -25,7 +25,7 @@ p{max-width:74ch;margin:.5rem 0 .9rem}a{color:var(--link)}.lead{font-size:1.1rem
 nav{display:flex;flex-wrap:wrap;gap:.3rem 1.1rem;margin:1rem 0 2rem}
 .row{display:flex;flex-wrap:wrap;gap:1.4rem;align-items:flex-start;margin:1rem 0}
 figure{margin:0}figcaption{font-size:.85rem;color:var(--soft);margin-top:.35rem;max-width:60ch}
-.row figure{min-width:0;max-width:100%}.row figure.pic{width:256px}.row figure.crop{width:104px}.row figure.wide{flex:1 1 480px;min-width:0;max-width:620px}
+.row figure{min-width:0;max-width:100%}.row figure.pic{width:256px}.row figure.wide{flex:1 1 480px;min-width:0;max-width:620px}
 figure.full{max-width:860px;margin:1rem 0}
 img{display:block;width:100%;image-rendering:pixelated;border-radius:3px;background:var(--card)}
 svg.chart{display:block;width:100%;height:auto}
@@ -42,21 +42,11 @@ position:sticky;left:0;background:var(--bg)}
 td.good{color:var(--good);font-weight:600}td.bad{color:var(--bad);font-weight:600}td.faint{color:var(--soft)}
 .words{text-align:left;white-space:normal}
 details{margin:1rem 0}summary{cursor:pointer;color:var(--link)}
-.slider{position:relative;width:100%;max-width:512px;overflow:hidden;border-radius:3px}
-.slider img+img{position:absolute;inset:0;height:100%;clip-path:inset(0 0 0 var(--at,50%))}
-.slider::after{content:'';position:absolute;top:0;bottom:0;left:var(--at,50%);width:2px;margin-left:-1px;background:#fff;
-box-shadow:0 0 3px #000;pointer-events:none}
-.slider input{position:absolute;inset:0;width:100%;height:100%;margin:0;opacity:0;cursor:ew-resize;z-index:1}
-.slider:focus-within{outline:2px solid var(--link);outline-offset:2px}
-.slider span{position:absolute;bottom:.4rem;padding:.05rem .45rem;background:#000a;color:#fff;font-size:.78rem;border-radius:3px}
-.slider span.l{left:.4rem}.slider span.r{right:.4rem}
 code{font-size:.9em;background:var(--card);padding:.1em .3em;border-radius:3px}
-@media print{body{max-width:none}nav,.slider input{display:none}}";
+@media print{body{max-width:none}nav{display:none}}";
 
-/// Moves the sliders' lines; says of what is wider than the page that it scrolls, and takes the rest out of the way of
-/// the tabulator key.
-const SCRIPT: &str = "document.querySelectorAll('.slider input').forEach(i=>i.addEventListener('input',()=>\
-i.parentNode.style.setProperty('--at',i.value+'%')));\
+/// Says of what is wider than the page that it scrolls, and takes the rest out of the way of the tabulator key.
+const SCRIPT: &str = "\
 const all=document.querySelectorAll('.scroll'),look=()=>all.forEach(s=>{const o=s.scrollWidth>s.clientWidth+1;\
 s.classList.toggle('over',o);s.tabIndex=o?0:-1});\
 addEventListener('resize',look);document.querySelectorAll('details').forEach(d=>d.addEventListener('toggle',look));look()";
@@ -183,11 +173,6 @@ fn figure(class: &str, content: Markup, caption: &str) -> Markup {
     html! { figure class=(class) { (content) @if !caption.is_empty() { figcaption { (marked(caption)) } } } }
 }
 
-/// A picture with a caption, for a row, of a class of the style: `pic`, or `crop` for a small one.
-pub fn picture_figure(class: &str, picture: &RgbImage, caption: &str) -> Markup {
-    figure(class, image(picture, caption), caption)
-}
-
 /// A value a pixel in false colours with what they mean: words at the low end, in the middle and at the high end.
 pub fn map_figure(
     size: [u32; 2],
@@ -208,20 +193,6 @@ fn image(picture: &RgbImage, alt: &str) -> Markup {
     html! { img src=(data_uri(picture)) width=(w) height=(h) style="height:auto" alt=(alt); }
 }
 
-/// Two pictures of the same view, the right one over the left one up to where the reader pulls it.
-pub fn slider(left: (&RgbImage, &str), right: (&RgbImage, &str), caption: &str) -> Markup {
-    let content = html! {
-        div.slider {
-            img src=(data_uri(left.0)) alt=(left.1);
-            img src=(data_uri(right.0)) alt=(right.1);
-            span.l { (left.1) }
-            span.r { (right.1) }
-            input type="range" min="0" max="100" step="1" value="50" aria-label={ (left.1) " against " (right.1) };
-        }
-    };
-    figure("wide", content, caption)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -231,8 +202,7 @@ mod tests {
         let mut page = Page::new("a < b", "with `code` & more");
         page.section("One <two>");
         page.text("x");
-        let picture = RgbImage::new(1, 1);
-        page.row([picture_figure("pic", &picture, "\"quoted\""), slider((&picture, "l"), (&picture, "r"), "")]);
+        page.row([map_figure([1, 1], (ColorScale::Share, ["0", "½", "1"]), std::iter::once(0.5), "\"quoted\"")]);
         page.details("more", |page| page.text("inside"));
         let html = page.html();
         assert!(html.contains("<h1>a &lt; b</h1>") && html.contains("<code>code</code> &amp; more"));
@@ -240,6 +210,6 @@ mod tests {
         for outside in ["http://", "https://", "src=\"/", "url(", "<link"] {
             assert!(!html.contains(outside), "{outside}");
         }
-        assert_eq!(html.matches("src=\"data:image/png;base64,").count(), 3);
+        assert_eq!(html.matches("src=\"data:image/png;base64,").count(), 1);
     }
 }

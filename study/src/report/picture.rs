@@ -18,13 +18,6 @@ pub fn mapped(size: [u32; 2], scale: ColorScale, values: impl Iterator<Item = f6
     picture(size, values.map(|v| scale.color(v)))
 }
 
-/// The square of `2 * radius + 1` pixels around one; what is beyond the edge repeats it.
-pub fn around(picture: &RgbImage, [x, y]: [u32; 2], radius: u32) -> RgbImage {
-    let side = 2 * radius + 1;
-    let near = |center: u32, i: u32, end: u32| (center + i).saturating_sub(radius).min(end - 1);
-    RgbImage::from_fn(side, side, |i, j| *picture.get_pixel(near(x, i, picture.width()), near(y, j, picture.height())))
-}
-
 pub fn data_uri(picture: &RgbImage) -> String {
     let mut png = Vec::new();
     picture.write_with_encoder(PngEncoder::new(&mut png)).expect("memory takes any picture");
@@ -92,14 +85,5 @@ mod tests {
         close(ColorScale::Share.color(0.0), RED_BLUE[0]);
         close(ColorScale::Amount { low: 1e-4, high: 1.0 }.color(1e-2), INFERNO[4]);
         assert_eq!(ratio.color(f64::NAN), [0.5; 3]);
-    }
-
-    #[test]
-    fn a_crop_at_the_edge_repeats_it() {
-        let picture = picture([3, 2], (0..6).map(|i| [i as f32 / 255.0, 0.0, 0.0]));
-        let crop = around(&picture, [0, 1], 1);
-        let red = crop.pixels().map(|pixel| pixel.0[0]).collect::<Vec<_>>();
-        assert_eq!(red, [0, 0, 1, 3, 3, 4, 3, 3, 4]);
-        assert!(data_uri(&crop).starts_with("data:image/png;base64,iVBOR"));
     }
 }

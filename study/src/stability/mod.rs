@@ -94,7 +94,6 @@ impl Results {
         outcome.verdict(mode.bar, self.z_limit)
     }
 
-    /// Names of the estimators.
     fn estimators(&self) -> impl Iterator<Item = &String> {
         self.modes.iter().take(1).flat_map(|mode| &mode.outcomes).map(|outcome| &outcome.estimator)
     }

@@ -111,7 +111,6 @@ pub fn replica(image: &Image, method: &dyn Method, paths: u32, random: &mut Spli
 /// Samples of either technique cost the same here.
 pub const EQUAL_COST: Cost = Cost { fixed: 1.0, light: 1.0, bsdf: 1.0 };
 
-/// Sums of one pixel.
 #[derive(Debug, Clone, Default)]
 struct Sums {
     sum: [f64; 3],

@@ -47,7 +47,6 @@ pub enum Aov {
     Velocity,
     /// Cryptomatte of objects, by the names of their nodes.
     CryptoObject,
-    /// Cryptomatte of materials.
     CryptoMaterial,
 }
 
@@ -81,7 +80,6 @@ pub struct Channel {
     pub name: String,
     /// Its index in its layer, from 0.
     pub component: usize,
-    /// Its value.
     pub value: Value,
     /// Whether 16 bits are enough for it: a colour or a direction.
     pub half: bool,

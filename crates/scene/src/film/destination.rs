@@ -224,7 +224,6 @@ fn followed(path: &Path) -> Result<PathBuf> {
     Err(Error::CannotCreate(format!("{}: cannot write: links lead in a circle", path.display())))
 }
 
-/// Suffix of temporary files.
 pub(super) const SUFFIX: &str = ".tmp";
 
 /// The name of the file that is locked while `target` does not exist yet. [`sweep`](super::atomic::sweep) removes it after the

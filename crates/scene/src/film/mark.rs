@@ -66,7 +66,6 @@ impl Form {
         }
     }
 
-    /// Bytes of a mark.
     fn length(self) -> u64 {
         self.mark(blake3::hash(&[])).len() as u64
     }

@@ -51,7 +51,6 @@ pub trait Pixels: Sync {
         0.5
     }
 
-    /// The background.
     fn background(&self) -> Background;
 
     /// The statistics of pixel (x, y) of the whole picture, inside the window. The AOV sums are zeros if there are none.
@@ -83,7 +82,6 @@ pub struct Film {
     pub pixels: Vec<PixelStats>,
     /// AOV sums, row-major over the window; empty if no AOV needs them.
     pub aovs: Vec<AovSums>,
-    /// The background.
     pub background: Background,
 }
 
@@ -98,7 +96,6 @@ impl Film {
         Self { width, height, window, pixels: stats, aovs, background: pixels.background() }
     }
 
-    /// A film without samples.
     pub fn new(width: u32, height: u32, window: [u32; 4], with_aovs: bool) -> Self {
         let n = (window[2] - window[0]) as usize * (window[3] - window[1]) as usize;
         Self {

@@ -18,7 +18,6 @@ use crate::Result;
 /// How a picture is converted for display.
 #[derive(Debug, Clone)]
 pub struct Look {
-    /// The view transform.
     pub view: ViewTransform,
     /// Exposure in stops.
     pub exposure: f32,

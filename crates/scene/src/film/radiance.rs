@@ -15,7 +15,6 @@ const PRIMARIES: [f32; 8] = [0.64, 0.33, 0.29, 0.60, 0.15, 0.06, 0.3333, 0.3333]
 struct Head {
     /// Width and height in pixels.
     size: [usize; 2],
-    /// Are scanlines columns?
     columns: bool,
     /// Do scanlines go down, and pixels from left to right?
     forward: [bool; 2],

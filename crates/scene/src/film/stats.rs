@@ -21,7 +21,6 @@ pub struct PixelStats {
 /// The brightest path of a pixel.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Peak {
-    /// Luminance of its radiance.
     pub luminance: f32,
     /// Its index in the pixel.
     pub path: u32,
@@ -62,7 +61,6 @@ pub struct AovSums {
 /// Sums over the paths of a pixel that end on the ground that catches shadows.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct GroundSums {
-    /// Number of paths.
     pub paths: u32,
     /// Luminance of the light samples without the scene.
     pub light: f64,

@@ -26,7 +26,6 @@ named_variants! { View { Agx = "agx", Neutral = "neutral", Aces = "aces", Srgb =
 /// A view transform of a name, or of a file.
 #[derive(Debug, Clone)]
 pub enum ViewTransform {
-    /// One of the program's.
     Named(View),
     /// A LUT, its file, and a text that differs for other tables and inputs.
     Lut(Arc<Lut>, PathBuf, String),

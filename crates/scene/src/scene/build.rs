@@ -20,7 +20,6 @@ use super::{Camera, Material, Mesh, Scene};
 /// A triangle mesh in double precision, in metres. Counter-clockwise triangles face outwards.
 #[derive(Debug, Clone, Default)]
 pub struct Shape {
-    /// Vertices.
     pub positions: Vec<DVec3>,
     /// One unit normal per vertex, or none: the triangles are flat.
     pub normals: Vec<DVec3>,

@@ -15,7 +15,6 @@ pub struct Calibration {
     pub fisheye: bool,
     /// Width of the picture.
     pub w: f64,
-    /// Its height.
     pub h: f64,
     /// Focal length along the rows, > 0.
     pub fl_x: f64,
@@ -165,7 +164,6 @@ impl Calibration {
         Self { w: width.into(), h: height.into(), fl_x: x * fl_x, fl_y: y * fl_y, cx: x * cx, cy: y * cy, ..*self }
     }
 
-    /// Its distortion.
     pub fn distortion(&self) -> Distortion<f64> {
         let [a, b, c, d, e, f] = self.k;
         let (radial, divisor) = if self.fisheye { ([a, b, c, d], [0.0; 3]) } else { ([a, b, c, 0.0], [d, e, f]) };

@@ -6,7 +6,6 @@ use glam::{Affine3A, Mat3, Vec3};
 
 use super::{Calibration, Framing, Motion};
 
-/// Projection of a camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Projection {
     /// Vertical field of view, independent of the picture's aspect.
@@ -34,7 +33,6 @@ pub enum Projection {
 pub struct Camera {
     /// Name, for `--camera`.
     pub name: String,
-    /// Projection.
     pub projection: Projection,
     /// Width over height if the file states it; sets the default picture size.
     pub aspect: Option<f32>,

@@ -48,7 +48,6 @@ pub struct PunctualLight {
 /// The node that places a light.
 #[derive(Debug, Clone)]
 pub struct LightNode {
-    /// Its name.
     pub name: String,
     /// Group of lights: `extras.light_group` of the node, of the nearest node above it that has one, or of the light.
     pub group: Option<Arc<str>>,

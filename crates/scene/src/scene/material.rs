@@ -216,7 +216,6 @@ pub struct Material {
     pub energy_compensation: bool,
     /// KHR_materials_unlit: shows its base colour without lighting and does not scatter.
     pub unlit: bool,
-    /// Textures by slot.
     pub textures: Textures,
 }
 

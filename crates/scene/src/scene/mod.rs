@@ -33,7 +33,7 @@ pub use mesh::{Deformation, Instance, MAX_COORDINATE, Mesh, Object, Positions};
 pub use motion::Motion;
 pub use placed::{FieldOfView, Orbit, PlacedCamera};
 pub use sky::ClearSky;
-pub use texture::{Filter, Image, StoredImage, Texels, Texture, Wrap};
+pub use texture::{Filter, Image, Texels, Texture, Wrap};
 
 /// A scene, ready to be built into ray queries. Lengths in metres; glTF's axes (+y up, right-handed).
 #[derive(Debug, Clone, Default)]

@@ -116,7 +116,6 @@ impl Motion {
 }
 
 impl Key {
-    /// The transform.
     pub fn transform(&self) -> Affine3A {
         Affine3A::from_mat3_translation(Mat3::from_quat(self.rotation) * self.linear, self.translation)
     }

@@ -29,7 +29,6 @@ pub enum FieldOfView {
     Horizontal(f64),
     /// All directions: an equirectangular picture with the view axis in its middle.
     Panorama,
-    /// As it was calibrated.
     Calibrated(Calibration),
 }
 
@@ -37,12 +36,10 @@ pub enum FieldOfView {
 /// `panorama`, or `pinhole` or `fisheye` with the other numbers of a [`Calibration`] after colons; the name; with commas between.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlacedCamera {
-    /// Its name.
     pub name: String,
     /// Camera to world, row by row: a rotation and a translation in metres. The camera looks along its local −z axis with
     /// +y up, as in glTF.
     pub to_world: [[f64; 4]; 4],
-    /// Field of view.
     pub fov: FieldOfView,
 }
 

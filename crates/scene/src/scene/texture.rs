@@ -10,11 +10,9 @@ use super::material::Encoding;
 /// Treatment of coordinates outside [0, 1].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Wrap {
-    /// Clamp to the edge.
     ClampToEdge,
     /// Repeat, with every second copy mirrored.
     MirroredRepeat,
-    /// Repeat.
     Repeat,
 }
 
@@ -55,17 +53,7 @@ pub struct Image {
     pub height: u32,
     /// `width * height` texels.
     pub texels: Texels,
-    /// The picture as it is stored, which may have more texels; of a scene that is imported for known
-    /// [`Views`](super::import::Views).
-    pub stored: Option<StoredImage>,
-}
-
-/// A picture as a file stores it.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct StoredImage {
-    /// Width and height in texels.
-    pub size: [u32; 2],
-    /// BLAKE3 of its encoded bytes, hexadecimal.
+    /// BLAKE3 of its encoded bytes, hexadecimal; empty for a picture that was not imported.
     pub hash: String,
 }
 
@@ -78,7 +66,6 @@ pub struct Texture {
     pub wrap_s: Wrap,
     /// Wrap mode along v.
     pub wrap_t: Wrap,
-    /// Magnification filter.
     pub filter: Filter,
 }
 
@@ -131,56 +118,6 @@ impl Texels {
             Texels::Rgba16(t) => (0..t.len()).any(|i| such(self.alpha(i))),
         }
     }
-}
-
-impl Image {
-    /// Replaces blocks of 2 x 2 texels of an sRGB colour by their mean: of linear light, and of alpha. A picture with an odd side or
-    /// 16 bits stays.
-    pub(super) fn halve(&mut self) {
-        if !(self.width | self.height).is_multiple_of(2) {
-            return;
-        }
-        let width = self.width as usize;
-        self.texels = match &self.texels {
-            Texels::Rgb8(texels) => Texels::Rgb8(halved(texels, width)),
-            Texels::Rgba8(texels) => Texels::Rgba8(halved(texels, width)),
-            Texels::Rgba16(_) => return,
-        };
-        [self.width, self.height] = [self.width / 2, self.height / 2];
-    }
-}
-
-/// The last index of [`CODES`]. A step is a fifth of the smallest one between linear values of codes.
-const CODE_STEPS: f32 = 16383.0;
-/// The 8-bit sRGB codes nearest to linear values at equal steps from 0 to 1.
-static CODES: LazyLock<Vec<u8>> = LazyLock::new(|| {
-    let nearest = |linear: f32| {
-        let above = SRGB.partition_point(|x| *x < linear).clamp(1, 255);
-        above - usize::from(linear - SRGB[above - 1] < SRGB[above] - linear)
-    };
-    (0..=CODE_STEPS as u32).map(|i| nearest(i as f32 / CODE_STEPS) as u8).collect()
-});
-/// The index in [`CODES`] nearest to every 8-bit sRGB code.
-static STEPS: LazyLock<[u16; 256]> = LazyLock::new(|| SRGB.map(|linear| (CODE_STEPS * linear + 0.5) as u16));
-
-fn halved<const N: usize>(texels: &[[u8; N]], width: usize) -> Vec<[u8; N]> {
-    let mut found = Vec::with_capacity(texels.len() / 4);
-    let (steps, codes) = (&*STEPS, &**CODES);
-    for rows in texels.chunks_exact(2 * width) {
-        let (upper, lower) = rows.split_at(width);
-        let blocks = upper.as_chunks().0.iter().zip(lower.as_chunks().0);
-        found.extend(blocks.map(|([a, b], [c, d])| {
-            std::array::from_fn(|i| {
-                let block = [a, b, c, d].map(|texel| texel[i]);
-                let mean = |values: [u32; 4]| ((values.iter().sum::<u32>() + 2) / 4) as usize;
-                match i {
-                    3 => mean(block.map(u32::from)) as u8,
-                    _ => codes[mean(block.map(|code| steps[usize::from(code)].into()))],
-                }
-            })
-        }));
-    }
-    found
 }
 
 impl Wrap {
@@ -348,26 +285,6 @@ mod tests {
         // Between black and white, decoded first: exactly one half.
         Arc::make_mut(&mut scene.images[0]).texels = Texels::Rgb8(vec![[0; 3], [255; 3], [0; 3], [255; 3]]);
         assert_eq!(scene.sample_texture(&srgb, Vec2::splat(0.5)).to_array(), [0.5, 0.5, 0.5, 1.0]);
-    }
-
-    #[test]
-    fn halved_colours_are_means_of_linear_light() {
-        let image = |width: u32, height: u32, texels: Texels| Image { width, height, texels, ..Default::default() };
-        let halved = |mut image: Image| {
-            image.halve();
-            image
-        };
-        // One of four is 0.25, two are a half, of the light.
-        let [black, white] = [[0, 0, 0, 0], [255; 4]];
-        let texels = vec![white, black, white, white, black, black, black, black];
-        let Texels::Rgba8(found) = halved(image(4, 2, Texels::Rgba8(texels))).texels else { panic!() };
-        assert_eq!(found, [[137, 137, 137, 64], [188, 188, 188, 128]]);
-        for code in 0..=255 {
-            let Texels::Rgb8(found) = halved(image(2, 2, Texels::Rgb8(vec![[code; 3]; 4]))).texels else { panic!() };
-            assert_eq!(found, [[code; 3]]);
-        }
-        let odd = halved(image(3, 2, Texels::Rgb8(vec![[9; 3]; 6])));
-        assert_eq!([odd.width, odd.height], [3, 2]);
     }
 
     #[test]

@@ -2,9 +2,8 @@
 
 use maud::Markup;
 
-use crate::balance::scene_results::SceneResults;
 use crate::balance::table::{Level, Outcome, Row};
-use crate::balance::{CONTROL, Design, HALF};
+use crate::balance::{CONTROL, Design, HALF, SceneResults};
 use crate::report::{Axis, Chart, Dot, Figure, Scale, Series, dot_plot};
 
 /// The same colour for an estimator everywhere: grey for `half` and its control.
@@ -16,13 +15,12 @@ fn color(name: &str) -> usize {
         "efficiency-aware" => 4,
         "power" => 5,
         "max" => 6,
-        "oracle" => 7,
         _ => 3,
     }
 }
 
 /// All but `half` and its control.
-fn others(level: &Level) -> impl Iterator<Item = &Outcome> {
+pub(super) fn others(level: &Level) -> impl Iterator<Item = &Outcome> {
     level.results.iter().filter(|o| o.estimator.is_some_and(|e| e != HALF))
 }
 

@@ -4,11 +4,9 @@ use bismar::Result;
 use maud::Markup;
 
 use super::{Pictures, Row, SceneResults};
-use crate::balance::page::pictures::{SHARE, developed, exposure};
-use crate::balance::page::toned;
+use crate::balance::page::{share_map, toned};
 use crate::balance::{Design, Estimator, HALF, table};
-use crate::report::page::{map_figure, picture_figure, slider};
-use crate::report::picture::picture;
+use crate::report::page::map_figure;
 use crate::report::{Chart, ColorScale, Dot, Figure, Page, Scale, Series, Table, dot_plot, number};
 use crate::statistics::mean_of;
 
@@ -130,23 +128,19 @@ fn scene_section(page: &mut Page, design: &Design, scene: &SceneResults) {
     page.section(&scene.name);
     page.charts(scene_charts(design, scene));
     page.table(&Table::of_fields(&scene.rows, COLUMNS));
-    pictures(page, design, scene);
+    maps(page, design, scene);
 }
 
-/// Pictures of the scene, light shares, paths, and the error of each technique over that of `half`.
-fn pictures(page: &mut Page, design: &Design, scene: &SceneResults) {
+/// Maps of light shares, paths, and the error of each technique over that of `half`.
+fn maps(page: &mut Page, design: &Design, scene: &SceneResults) {
     let size = [design.width, design.height];
-    let reference = scene.reference.iter().map(|&x| x as f32).collect::<Vec<_>>();
-    let ev = exposure(design.width, &reference);
     let Some(half) = scene.pictures.iter().find(|p| p.estimator == HALF) else { return };
-    let caption = format!("The reference, exposure {ev:+.1} EV.");
-    let mut pieces = vec![picture_figure("pic", &developed(size, &reference, ev), &caption)];
+    let mut pieces = Vec::new();
     let varies = |values: &[f32]| values.iter().any(|x| *x != values[0]);
     for own in scene.pictures.iter().filter(|p| p.estimator != HALF) {
         let name = own.estimator.name();
         if varies(&own.shares) {
-            let shares = own.shares.iter().map(|&s| f64::from(s));
-            pieces.push(map_figure(size, SHARE, shares, &format!("Share of light samples by `{name}`.")));
+            pieces.push(share_map(size, &own.shares, &name));
         }
         if varies(&own.paths) {
             let paths = own.paths.iter().map(|&n| f64::from(n));
@@ -161,26 +155,7 @@ fn pictures(page: &mut Page, design: &Design, scene: &SceneResults) {
             pieces.push(map_figure(size, RATIO, error_ratios(own, half, design.width), &caption));
         }
     }
-    if let Some(field) = &scene.field {
-        let legend = (SHARE.0, ["0: BSDF alone", "½", "1: field alone"]);
-        let caption = format!("Share of samples from the guiding field at the visible surface; {} cells.", field.cells);
-        pieces.push(map_figure(size, legend, field.shares.iter().copied(), &caption));
-        pieces.push(picture_figure(
-            "pic",
-            &picture(size, field.directions.iter().copied()),
-            "Mean direction of the guiding field: red toward +x, green up, blue toward +z, grey in all directions; black where it is not used.",
-        ));
-    }
     page.row(pieces);
-    let score = |p: &&Pictures| scene.score(p.estimator).0;
-    let best = scene.pictures.iter().filter(|p| p.estimator != HALF).min_by(|a, b| score(a).total_cmp(&score(b)));
-    if let (Some(best), Some(spp)) = (best, design.spp.first()) {
-        let [left, right] = [half, best].map(|p| developed(size, &p.example, ev));
-        let name = best.estimator.name();
-        let caption =
-            format!("{spp} paths a pixel. Pull the line: `half` on its left, `{name}`, the best, on its right.");
-        page.row([slider((&left, &format!("half, {spp} spp")), (&right, &format!("{name}, {spp} spp")), &caption)]);
-    }
 }
 
 /// A technique's error over that of `half`, pixel by pixel the same in each block.

@@ -14,7 +14,6 @@ const MULTIPART: u32 = 1 << 12;
 /// An attribute and its position.
 #[derive(Debug)]
 pub struct Attribute<'a> {
-    /// Index of the part.
     pub part: u32,
     pub name: &'a [u8],
     /// Position of the value in the file, in bytes.

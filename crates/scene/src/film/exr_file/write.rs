@@ -24,7 +24,6 @@ use crate::{Error, Result as Outcome};
 /// The layers of a file besides R, G, B and A, and their precision.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Layers<'a> {
-    /// The AOVs.
     pub aovs: &'a [Aov],
     /// Whether colours and directions are 16-bit floats. Distances, statistics and identifiers always have 32 bits.
     pub half: bool,

@@ -10,7 +10,6 @@ use crate::scene::Environment;
 
 /// 16384x8192.
 const MAX_PIXELS: u64 = 1 << 27;
-/// Bytes of a file.
 const MAX_FILE_BYTES: u64 = 4 << 30;
 
 /// Size of an environment's picture.

@@ -15,16 +15,12 @@ mod report;
 mod source;
 mod summary;
 
-use std::cell::Cell;
 use std::io::Read;
 use std::path::Path;
 use std::time::Instant;
 
-use glam::DVec3;
-use serde_json::Value;
-
 pub use environment::{EnvironmentFile, EnvironmentSize, environment};
-pub use options::{ImportOptions, Pose, Shutter, Views};
+pub use options::{ImportOptions, Pose, Shutter};
 pub use report::{ImportReport, Note, NoteKind, SceneCounts};
 pub use source::{Census, STANDARD_INPUT, Survey, read_own, read_regular, read_text};
 pub use summary::{Summary, summary};
@@ -92,44 +88,16 @@ impl SceneFiles {
             ..Default::default()
         };
         let mut build = || -> Result<Scene> {
-            let mut notes = Notes::default();
-            let origin = Cell::new(DVec3::ZERO);
-            let parse_noted = |json: &Value, notes: &mut Notes| -> Result<document::Document> {
-                Ok(document::Document {
-                    origin: origin.get(),
-                    ..document::Document::parse(source, json, options, notes)?
-                })
-            };
-            let parse = |json: &Value| parse_noted(json, &mut Notes::default());
-            let (json, bytes) = (&source.json, source.file_bytes);
-            let (mut posed, mut time_samples, mut adjacent_frames) = (None, Vec::new(), Vec::new());
-            if let Some(pose) = &options.pose {
-                let mut at_rest = parse(json)?;
-                at_rest.origin = build::origin(&at_rest);
-                origin.set(at_rest.origin);
-                // The picture's own time lies within the shutter, so that the rest of the scene agrees with it.
-                let offset = pose.shutter.map_or(0.0, |shutter| 0.0_f64.clamp(shutter.opens, shutter.closes));
-                let own = Pose { seconds: pose.seconds + offset, ..pose.clone() };
-                posed = Some(build::posed(&at_rest, json, bytes, &own, &mut notes)?);
-                let time_sample =
-                    |seconds: f64| build::time_sample(&at_rest, json, bytes, &Pose { seconds, ..pose.clone() }, &parse);
-                time_samples = build::time_samples(pose, &time_sample)?;
-                let frames = pose.frame.into_iter().flat_map(|frame| [pose.seconds - frame, pose.seconds + frame]);
-                adjacent_frames = frames.map(time_sample).collect::<Result<Vec<_>>>()?;
-            }
-            let mut document = parse_noted(posed.as_ref().unwrap_or(json), &mut notes)?;
-            if posed.is_none() {
-                document.origin = build::origin(&document);
-            }
+            let (mut notes, json, bytes) = (Notes::default(), &source.json, source.file_bytes);
+            let mut document = document::Document::parse(source, json, options, &mut notes)?;
+            document.origin = build::origin(&document);
+            let pose = options.pose.as_ref();
+            let times = pose.map(|pose| build::play(&mut document, json, bytes, pose, &mut notes)).transpose()?;
             report.generator.clone_from(&document.generator);
-            let shutter_samples = time_samples.len();
-            time_samples.extend(adjacent_frames);
             let shown = build::ShownDocument {
                 document: &document,
-                posed: posed.as_ref().and(options.pose.as_ref()).map(|pose| (json, pose)),
-                time_samples: &time_samples,
-                shutter_samples,
-                views: options.views.as_ref(),
+                posed: pose.map(|pose| (json, pose)),
+                times: &times.unwrap_or_default(),
             };
             let scene = build::build(&shown, bytes, &self.cache, notes, &mut report)?;
             if options.strict {

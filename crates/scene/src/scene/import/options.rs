@@ -1,8 +1,5 @@
-//! Import options: scene, variant, pose and shutter, and the views that a scene is for.
+//! Import options: scene, variant, pose and shutter.
 
-use crate::scene::Orbit;
-
-/// Options of an import.
 #[derive(Debug, Clone, Default)]
 pub struct ImportOptions {
     /// Make everything that would be approximated or ignored (including a missing texture) an error that lists it.
@@ -13,19 +10,6 @@ pub struct ImportOptions {
     pub scene: Option<String>,
     /// Material variant (KHR_materials_variants), by name or index; `None` for the default materials.
     pub variant: Option<String>,
-    /// Views that are all that is to be seen of the scene: large pictures are then decoded no finer than these show them.
-    pub views: Option<Views>,
-}
-
-/// Views of a scene.
-#[derive(Debug, Clone)]
-pub struct Views {
-    /// Width and height in pixels.
-    pub size: [u32; 2],
-    /// Points around the scene from which it is seen; if empty, it is seen by a camera of the file.
-    pub orbits: Vec<Orbit>,
-    /// Camera of the file, by name or index; `None` for the first.
-    pub camera: Option<String>,
 }
 
 /// A time in a document's animations.

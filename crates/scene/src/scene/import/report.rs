@@ -52,9 +52,7 @@ pub struct SceneCounts {
     pub materials: u64,
     /// Decoded pictures.
     pub images: u64,
-    /// Punctual lights.
     pub lights: u64,
-    /// Cameras.
     pub cameras: u64,
     /// Bytes of vertices and indices.
     pub geometry_bytes: u64,
@@ -62,7 +60,6 @@ pub struct SceneCounts {
     pub image_bytes: u64,
 }
 
-/// Report of an import.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct ImportReport {
     /// Path of the file as given.
@@ -81,7 +78,6 @@ pub struct ImportReport {
     pub extensions_ignored: Vec<String>,
     /// Notes, in the order of the file.
     pub notes: Vec<Note>,
-    /// Sizes.
     pub counts: SceneCounts,
     /// Size in bytes of the file and of the buffers and pictures that it refers to.
     pub file_bytes: u64,
@@ -90,7 +86,6 @@ pub struct ImportReport {
 }
 
 impl ImportReport {
-    /// Notes of one kind.
     pub fn of_kind(&self, kind: NoteKind) -> impl Iterator<Item = &Note> {
         self.notes.iter().filter(move |note| note.kind == kind)
     }
@@ -130,6 +125,13 @@ impl Notes {
         }
         self.seen.insert((kind, text.clone()), self.list.len());
         self.list.push(Note { kind, at: at.into(), count: 1, text });
+    }
+
+    /// Adds those of other notes that are new.
+    pub fn join(&mut self, other: Self) {
+        let is_new = |note: &Note| !self.seen.contains_key(&(note.kind, note.text.clone()));
+        let new: Vec<_> = other.list.into_iter().filter(is_new).collect();
+        new.into_iter().for_each(|note| self.add(note.kind, &note.at, note.text));
     }
 
     pub fn approximated(&mut self, at: &str, text: impl Into<String>) {

@@ -7,7 +7,6 @@ use super::report::{Note, NoteKind, SceneCounts};
 use super::{ImportReport, Imported};
 use crate::scene::{AlphaMode, Material, Projection, PunctualKind, Scene, TextureSlot};
 
-/// Summary of a camera.
 #[derive(Debug, Clone, Serialize)]
 pub struct CameraSummary {
     /// Index for `--camera`.
@@ -36,7 +35,6 @@ pub struct CameraSummary {
 /// Summary of a punctual light.
 #[derive(Debug, Clone, Serialize)]
 pub struct LightSummary {
-    /// Name.
     pub name: String,
     /// `directional`, `point` or `spot`.
     pub kind: &'static str,
@@ -53,10 +51,8 @@ pub struct LightSummary {
     pub angle: Option<f32>,
 }
 
-/// Summary of a material.
 #[derive(Debug, Clone, Serialize)]
 pub struct MaterialSummary {
-    /// Name.
     pub name: String,
     /// Features of the material model that it uses.
     pub features: Vec<&'static str>,
@@ -64,16 +60,11 @@ pub struct MaterialSummary {
     pub triangles: u64,
 }
 
-/// Summary of a mesh.
 #[derive(Debug, Clone, Serialize)]
 pub struct MeshSummary {
-    /// Name.
     pub name: String,
-    /// Triangles.
     pub triangles: u64,
-    /// Placements.
     pub instances: u64,
-    /// Its material's name.
     pub material: String,
     /// Bytes of vertices and indices.
     pub bytes: u64,
@@ -103,17 +94,13 @@ pub struct Summary {
     pub file_bytes: u64,
     /// Wall-clock seconds of the import.
     pub read_seconds: f64,
-    /// Sizes.
     pub counts: SceneCounts,
     /// Cameras; at least one.
     pub cameras: Vec<CameraSummary>,
-    /// Punctual lights.
     pub lights: Vec<LightSummary>,
     /// Does any surface emit light?
     pub has_emissive_meshes: bool,
-    /// Materials.
     pub materials: Vec<MaterialSummary>,
-    /// Meshes.
     pub meshes: Vec<MeshSummary>,
     /// Decoded pictures.
     pub images: Vec<ImageSummary>,
@@ -123,7 +110,6 @@ pub struct Summary {
     pub variants: Vec<String>,
     /// Names of its animations; `animations[3]` for one without.
     pub animations: Vec<String>,
-    /// Supported extensions.
     pub extensions_used: Vec<String>,
     /// Extensions rendered approximately; none at present.
     pub extensions_approximated: Vec<String>,
@@ -139,7 +125,6 @@ pub struct Summary {
     pub remarks: Vec<Note>,
 }
 
-/// Summarizes an imported scene.
 pub fn summary(imported: &Imported) -> Summary {
     let Imported { scene, report } = imported;
     let mut placements = vec![0_u64; scene.objects.len()];

@@ -163,7 +163,6 @@ impl Played {
     /// The meshes of the shown scene that move, hidden ones too.
     fn shown(&self, reader: &mut Reader) -> Vec<Shown<'_>> {
         let document = reader.document;
-        let identity = vec![DAffine3::IDENTITY; document.nodes.len()];
         let (mut shown, mut stack) = (Vec::new(), document.roots.clone());
         while let Some(node) = stack.pop() {
             let Ok(content) = document.nodes[node].content() else { continue };
@@ -173,7 +172,8 @@ impl Played {
             stack.extend(&document.nodes[node].children);
             let Some(mesh) = content.mesh.filter(|_| self.surfaces[node]) else { continue };
             let skin = content.skin.and_then(|skin| document.skins.get(skin).ok());
-            let binds = skin.and_then(|skin| joint_matrices(skin, reader, &identity).ok()).unwrap_or_default();
+            let binds =
+                skin.and_then(|skin| joint_matrices(skin, reader, &|_| DAffine3::IDENTITY).ok()).unwrap_or_default();
             let placements = content.instancing.as_ref().map(|from| instances(from, reader).unwrap_or_default());
             let mut vertices = vertices(reader, mesh, !binds.is_empty()).unwrap_or_default();
             if let (Some(placements), None) = (placements, skin) {

@@ -16,8 +16,8 @@ use crate::scene::{AlphaMode, Image, Material, Mesh};
 /// Results that later imports of the same files reuse.
 #[derive(Debug, Default)]
 pub struct ImportCache {
-    /// Decoded pictures by the document's index and the number of times that their sides are halved.
-    images: Mutex<HashMap<(usize, u32), Arc<Image>>>,
+    /// Decoded pictures by the document's index.
+    images: Mutex<HashMap<usize, Arc<Image>>>,
     /// Objects of the last import.
     objects: Mutex<Objects>,
     /// What an animation of these root nodes moves.
@@ -26,7 +26,6 @@ pub struct ImportCache {
 
 type Kept = ((Option<String>, Vec<usize>), Option<Arc<Played>>);
 
-/// Objects of one import.
 pub type Objects = HashMap<CacheKey, Arc<CachedObject>>;
 
 /// Everything that determines an object's meshes, except what depends on materials ([`AttributeNeeds`]).
@@ -110,8 +109,8 @@ impl ImportCache {
         Ok(found)
     }
 
-    /// Decoded pictures, by the document's index and the number of times that their sides are halved.
-    pub fn images(&self) -> MutexGuard<'_, HashMap<(usize, u32), Arc<Image>>> {
+    /// Decoded pictures, by the document's index.
+    pub fn images(&self) -> MutexGuard<'_, HashMap<usize, Arc<Image>>> {
         self.images.lock().unwrap_or_else(PoisonError::into_inner)
     }
 

@@ -6,7 +6,6 @@ mod cameras;
 mod count;
 mod decode;
 mod deform;
-mod detail;
 mod geometry;
 mod lights;
 mod materials;
@@ -35,7 +34,7 @@ use crate::error::Result;
 use crate::scene::import::document::Document;
 use crate::scene::import::document::extensions::{Support, support};
 use crate::scene::import::document::primitives::{Mesh as MeshOfDocument, Primitive};
-use crate::scene::import::options::{Pose, Views};
+use crate::scene::import::options::Pose;
 use crate::scene::import::report::{ImportReport, Notes};
 use crate::scene::{self, Camera, Framing, Instance, Motion, Object, Scene};
 
@@ -49,12 +48,12 @@ use materials::MaterialTable;
 use nodes::{FlattenedScene, ObjectKey, Placement, flatten};
 pub use placements::origin;
 use placements::{check_extent, corners, keep_visible, points, visit_points};
-pub use pose::posed;
 use primitive::Draft;
 use reader::Reader;
 use skins::joint_matrices;
 use textures::TextureTable;
-pub use time_samples::{TimeSample, time_sample, time_samples};
+use time_samples::TimeSamples;
+pub use time_samples::play;
 use transforms::{is_flat, is_visible, lost_direction, thickened};
 use unshown::{note_document, note_extensions, note_faults, note_unplaced};
 
@@ -64,12 +63,7 @@ pub struct ShownDocument<'a> {
     pub document: &'a Document,
     /// The JSON at rest and the pose, if animations are played. Otherwise the document is in its rest pose.
     pub posed: Option<(&'a Value, &'a Pose)>,
-    /// Samples while the shutter is open, then one frame before and one after; either part may be empty.
-    pub time_samples: &'a [TimeSample],
-    /// Number of time samples while the shutter is open.
-    pub shutter_samples: usize,
-    /// All that is to be seen; `None` if that is not known.
-    pub views: Option<&'a Views>,
+    pub times: &'a TimeSamples,
 }
 
 /// Builds the scene. Reuses what `cache` holds of earlier imports, adds to the document's notes, and fills the report's
@@ -78,7 +72,7 @@ pub struct ShownDocument<'a> {
 /// # Errors
 /// Faulty elements that the shown scene needs, data that breaks the specification, memory out of proportion to the file.
 pub fn build(
-    &ShownDocument { document, posed, time_samples, shutter_samples, views }: &ShownDocument,
+    &ShownDocument { document, posed, times }: &ShownDocument,
     file_bytes: u64,
     cache: &ImportCache,
     mut notes: Notes,
@@ -89,8 +83,7 @@ pub fn build(
     let textures = TextureTable::new(file_bytes);
     let mut assembly = Assembly {
         document,
-        time_samples,
-        shutter_samples,
+        times,
         reader,
         textures,
         materials: MaterialTable::default(),
@@ -101,7 +94,7 @@ pub fn build(
         // A document in its rest pose is imported once: there is nothing to reuse.
         reuse: posed.map(|_| ObjectReuse { previous: cache.objects(), current: Objects::default() }),
     };
-    let flattened = flatten(document, (time_samples, shutter_samples), &mut assembly.reader, &mut notes)?;
+    let flattened = flatten(document, times, &mut assembly.reader, &mut notes)?;
     // Cached meshes need no decoding. If only another pose is cached, `read_cached` decodes the mesh.
     let is_cached = |mesh: usize| assembly.reuse.as_ref().is_some_and(|s| s.previous.keys().any(|key| key.is_of(mesh)));
     let meshes = flattened.objects.iter().filter(|(key, _)| !is_cached(key.mesh));
@@ -150,7 +143,7 @@ pub fn build(
     (scene.lights, scene.light_nodes) = (flattened.lights, flattened.light_nodes);
     scene.cameras = flattened.cameras;
     scene.cameras.extend(framing.map(Camera::framed));
-    textures.decode(document, (file_bytes, views), cache, &mut scene, &mut notes)?;
+    textures.decode(document, file_bytes, cache, &mut scene, &mut notes)?;
     // What has no alpha anywhere is known once its texture is.
     if is_framed && scene.reach.is_none() && (0..scene.meshes.len() as u32).any(|mesh| !scene.is_seen(mesh)) {
         scene.cameras = vec![Camera::framed(fitted(&scene))];
@@ -173,9 +166,7 @@ pub fn build(
 
 struct Assembly<'a> {
     document: &'a Document,
-    time_samples: &'a [TimeSample],
-    /// Number of time samples while the shutter is open.
-    shutter_samples: usize,
+    times: &'a TimeSamples,
     reader: Reader<'a>,
     textures: TextureTable,
     materials: MaterialTable,
@@ -232,19 +223,20 @@ impl Assembly<'_> {
     ) -> Result<()> {
         let document = self.document;
         let mesh = document.meshes.get(key.mesh)?;
-        let joints = self.joints(key, &flattened.worlds)?;
+        let worlds = &flattened.worlds;
+        let joints = self.joints(key, &|node| worlds[node])?;
         let start = self.scene.meshes.len() as u32;
         if placements.is_empty() {
             return Ok(());
         }
         let weights: Vec<f32> = key.weights.iter().map(|bits| f32::from_bits(*bits)).collect();
-        let forms = self.forms(key)?;
+        let forms = self.forms(key, worlds)?;
         let forms: Vec<MeshPose> =
             forms.iter().map(|(w, joints)| MeshPose { weights: w, joints: joints.as_deref() }).collect();
         let picture = MeshPose { weights: &weights, joints: joints.as_deref() };
         let changing = |forms: &[MeshPose]| forms.iter().any(|form| *form != picture);
-        let [shutter, adjacent_frames] =
-            [&forms[..self.shutter_samples], &forms[self.shutter_samples..]].map(|f| if changing(f) { f } else { &[] });
+        let (shutter, adjacent_frames) = forms.split_at(self.times.shutter.min(forms.len()));
+        let [shutter, adjacent_frames] = [shutter, adjacent_frames].map(|f| if changing(f) { f } else { &[] });
         let poses = MeshPoses { picture, shutter, adjacent_frames };
         // The transform is baked into the meshes if the object is placed once and does not move.
         let single = match placements {
@@ -329,28 +321,30 @@ impl Assembly<'_> {
         self.reuse.is_some() && primitive.material.is_some_and(|index| self.document.fades(index))
     }
 
-    /// Morph weights and joint matrices at each time sample.
-    fn forms(&mut self, key: &ObjectKey) -> Result<Vec<Form>> {
-        let (time_samples, mut forms) = (self.time_samples, Vec::new());
-        for (i, time_sample) in time_samples.iter().enumerate() {
+    /// Morph weights and joint matrices at each time sample; none if they cannot change.
+    fn forms(&mut self, key: &ObjectKey, worlds: &[DAffine3]) -> Result<Vec<Form>> {
+        let (times, mut forms) = (self.times, Vec::new());
+        let is_still = key.skin.is_none() && key.weights_over_time.is_empty();
+        for i in 0..if is_still { 0 } else { times.count } {
+            let world = |node: usize| times.of(node).get(i).map_or(worlds[node], |sample| sample.world);
             let weights = key.weights_over_time.get(i).unwrap_or(&key.weights).iter().map(|bits| f32::from_bits(*bits));
-            forms.push((weights.collect(), self.joints(key, &time_sample.worlds)?));
+            forms.push((weights.collect(), self.joints(key, &world)?));
         }
         Ok(forms)
     }
 
     /// Joint matrices of an object's skin, given every node's world transform; `None` without a skin.
-    fn joints(&mut self, key: &ObjectKey, worlds: &[DAffine3]) -> Result<Option<Vec<DMat4>>> {
+    fn joints(&mut self, key: &ObjectKey, worlds: &dyn Fn(usize) -> DAffine3) -> Result<Option<Vec<DMat4>>> {
         let Some(skin) = key.skin else { return Ok(None) };
         joint_matrices(self.document.skins.get(skin)?, &mut self.reader, worlds).map(Some)
     }
 
     /// Transforms of a placement at the time samples.
     fn placement_times(&self, placement: &Placement, notes: &mut Notes) -> PlacementTimes {
-        let transforms = placement.transforms_at(self.time_samples);
+        let transforms = placement.transforms_at(self.times);
         let own = placement.world.as_affine3a();
         let still = |transforms: &[DAffine3]| transforms.iter().all(|world| world.as_affine3a() == own);
-        let (shutter, adjacent_frames) = transforms.split_at(self.shutter_samples.min(transforms.len()));
+        let (shutter, adjacent_frames) = transforms.split_at(self.times.shutter.min(transforms.len()));
         let solid = shutter.iter().all(is_visible);
         if !solid && !still(shutter) {
             let text = "zero or infinite scale while the shutter is open: rendered without motion, as at the picture's own time";
@@ -423,7 +417,7 @@ impl Assembly<'_> {
         let worlds = single.iter().flat_map(|(placement, adjacent_frames)| {
             [placement.world].into_iter().chain(adjacent_frames.iter().flatten().copied())
         });
-        let key = CacheKey::new(key, joints, worlds, (self.shutter_samples, lost));
+        let key = CacheKey::new(key, joints, worlds, (self.times.shutter, lost));
         // Materials are numbered independently of the cache.
         let (mut materials, mut needs) = (Vec::new(), Vec::new());
         for primitive in &mesh.primitives {

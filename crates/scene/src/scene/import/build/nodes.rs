@@ -6,7 +6,7 @@ use std::sync::Arc;
 use glam::{Affine3A, DAffine3, DQuat, DVec3};
 
 use super::reader::Reader;
-use super::time_samples::TimeSample;
+use super::time_samples::TimeSamples;
 use super::unshown::note_extensions;
 use super::{cameras, lights};
 use crate::error::{Error, Result};
@@ -49,9 +49,9 @@ impl Placement {
         Instance { name, category, light_group, object, ..Default::default() }
     }
 
-    /// Object to world at each time sample; empty for skinned meshes.
-    pub fn transforms_at(&self, time_samples: &[TimeSample]) -> Vec<DAffine3> {
-        self.node.iter().flat_map(|&(node, local)| time_samples.iter().map(move |m| m.worlds[node] * local)).collect()
+    /// Object to world at each time sample; empty for what does not move, and for skinned meshes.
+    pub fn transforms_at(&self, times: &TimeSamples) -> Vec<DAffine3> {
+        self.node.iter().flat_map(|&(node, local)| times.of(node).iter().map(move |m| m.world * local)).collect()
     }
 }
 
@@ -67,13 +67,13 @@ pub struct FlattenedScene {
     pub worlds: Vec<DAffine3>,
 }
 
-/// Flattens the shown scene; the first `shutter_samples` of the time samples are while the shutter is open.
+/// Flattens the shown scene.
 ///
 /// # Errors
 /// Instance data that cannot be read.
 pub fn flatten(
     document: &Document,
-    (time_samples, shutter_samples): (&[TimeSample], usize),
+    times: &TimeSamples,
     reader: &mut Reader,
     notes: &mut Notes,
 ) -> Result<FlattenedScene> {
@@ -85,7 +85,7 @@ pub fn flatten(
     let mut stack: Vec<_> =
         document.roots.iter().rev().map(|&root| (root, true, [const { None::<Arc<str>> }; 2])).collect();
     while let Some((index, parent_visible, [parent_category, parent_group])) = stack.pop() {
-        let node = &nodes[index];
+        let (node, samples) = (&nodes[index], times.of(index));
         let content = node.content()?;
         let visible = parent_visible && content.visible;
         shown[index] = true;
@@ -104,12 +104,11 @@ pub fn flatten(
             let name = if node.name == node.at { camera.name.clone() } else { None };
             match cameras::place(camera, name.unwrap_or_else(|| node.name.clone()), &world) {
                 Some(placed) => {
-                    let transforms =
-                        time_samples.iter().map(|m| cameras::place(camera, String::new(), &m.worlds[index]));
+                    let transforms = samples.iter().map(|m| cameras::place(camera, String::new(), &m.world));
                     let transforms: Option<Vec<_>> = transforms.map(|camera| Some(camera?.to_world)).collect();
-                    let (transforms, after) = transforms
-                        .as_deref()
-                        .map_or((&[][..], &[][..]), |transforms| transforms.split_at(shutter_samples));
+                    let (transforms, after) = transforms.as_deref().map_or((&[][..], &[][..]), |transforms| {
+                        transforms.split_at(times.shutter.min(transforms.len()))
+                    });
                     let motion = Motion::new(&transforms.iter().map(to_f64).collect::<Vec<_>>()).map(Arc::new);
                     let adjacent_frames =
                         after.try_into().ok().filter(|adjacent_frames| *adjacent_frames != [placed.to_world; 2]);
@@ -127,7 +126,7 @@ pub fn flatten(
         let light = content.light.map(|light| document.lights.get(light)).transpose()?;
         if let Some(mut placed) = light.and_then(|light| lights::place(light, &node.name, &world, notes)) {
             placed.set_size(node.light_size.radius, node.light_size.angle);
-            let motion: Option<Vec<_>> = time_samples[..shutter_samples].iter().map(|m| m.lights[index]).collect();
+            let motion: Option<Vec<_>> = samples.iter().take(times.shutter).map(|m| m.light).collect();
             let motion = motion.filter(|keys| keys.iter().any(|key| *key != placed.key()));
             let group = light_group.clone().or_else(|| light?.group.clone());
             out.light_nodes.push(LightNode { name: node.name.clone(), group });
@@ -136,7 +135,7 @@ pub fn flatten(
         let Some(mesh) = content.mesh else { continue };
         let weights = content.weights.as_ref().unwrap_or(&document.meshes.get(mesh)?.weights);
         let bits = |weights: &[f32]| weights.iter().map(|w| w.to_bits()).collect::<Vec<_>>();
-        let mut weights_over_time: Vec<_> = time_samples.iter().map(|m| bits(&m.weights[index])).collect();
+        let mut weights_over_time: Vec<_> = samples.iter().map(|m| bits(&m.weights)).collect();
         if weights_over_time.iter().all(|time_sample| *time_sample == bits(weights)) {
             weights_over_time.clear();
         }

@@ -1,5 +1,6 @@
-//! Plays animations: a copy of the document with the values of animated properties at one time.
+//! Plays animations: sets the values that animated properties have at one time.
 
+use std::collections::BTreeMap;
 use std::ops::Range;
 
 use glam::{DMat4, DQuat};
@@ -9,9 +10,9 @@ use super::reader::Reader;
 use crate::error::Result;
 use crate::scene::choose;
 use crate::scene::import::complaint::bad;
-use crate::scene::import::document::Document;
 use crate::scene::import::document::accessors::{Component, Shape};
 use crate::scene::import::document::animations::{Channel, Interpolation};
+use crate::scene::import::document::{ANIMATED, Document};
 use crate::scene::import::options::Pose;
 use crate::scene::import::report::Notes;
 
@@ -42,44 +43,114 @@ pub fn chosen(document: &Document, pose: &Pose) -> Result<Range<usize>> {
     })
 }
 
-/// The document with every animated property at the pose's time, clamped to each channel's keys. If two channels animate one
-/// property, the later one wins.
-///
-/// # Errors
-/// [`Error::Usage`] for an animation that is not there; [`Error::Data`] for keys that break the specification.
-pub fn posed(document: &Document, json: &Value, file_bytes: u64, pose: &Pose, notes: &mut Notes) -> Result<Value> {
-    let animations = &document.animations;
-    let mut out = json.clone();
-    let mut reader = Reader::new(document, file_bytes);
-    let mut played = Vec::new();
-    for index in chosen(document, pose)? {
-        let animation = animations.get(index)?;
-        played.push(if animation.name.is_empty() { format!("animations[{index}]") } else { animation.name.clone() });
-        for channel in &animation.channels {
-            let name = channel.pointer.rsplit('/').find(|name| !name.bytes().all(|b| b.is_ascii_digit()));
-            if name.is_some_and(|name| ANIMATABLE.concat().contains(&name) || name.ends_with("Factor")) {
+/// An element of one of the arrays [`ANIMATED`]: the array's index, and the element's.
+pub type Element = (usize, usize);
+
+/// The channels that a pose plays.
+pub struct Animation<'a> {
+    json: &'a Value,
+    channels: Vec<Playing>,
+}
+
+/// A channel: the property of an element that it changes, by its JSON pointer and by that within the element.
+struct Playing {
+    at: String,
+    pointer: String,
+    element: Element,
+    inside: String,
+    track: Track,
+}
+
+impl<'a> Animation<'a> {
+    /// Reads the channels; `json` is the document at rest.
+    ///
+    /// # Errors
+    /// [`Error::Usage`](crate::Error::Usage) for an animation that is not there; [`Error::Data`](crate::Error::Data) for keys that
+    /// break the specification.
+    pub fn read(
+        document: &Document,
+        json: &'a Value,
+        file_bytes: u64,
+        pose: &Pose,
+        seconds: f64,
+        notes: &mut Notes,
+    ) -> Result<Self> {
+        let animations = &document.animations;
+        let mut reader = Reader::new(document, file_bytes);
+        let (mut played, mut channels) = (Vec::new(), Vec::new());
+        for index in chosen(document, pose)? {
+            let animation = animations.get(index)?;
+            played.push(if animation.name.is_empty() {
+                format!("animations[{index}]")
+            } else {
+                animation.name.clone()
+            });
+            for channel in &animation.channels {
+                let Channel { pointer, at, .. } = channel;
+                let name = pointer.rsplit('/').find(|name| !name.bytes().all(|b| b.is_ascii_digit()));
+                let is_known = |name: &&str| ANIMATABLE.concat().contains(name) || name.ends_with("Factor");
+                let target = name.filter(is_known).and_then(|_| element_of(json, pointer));
+                let Some((element, inside)) = target else {
+                    notes.approximated(at, format!("{pointer} is not played"));
+                    continue;
+                };
                 let Some(track) = Track::read(&mut reader, channel)? else {
-                    notes.repaired(&channel.at, format!("{}: no key is finite: not played", channel.pointer));
+                    notes.repaired(at, format!("{pointer}: no key is finite: not played"));
                     continue;
                 };
                 if track.left_out > 0 {
-                    notes.repaired(&channel.at, format!("{} keys that are not finite are left out", track.left_out));
+                    notes.repaired(at, format!("{} keys that are not finite are left out", track.left_out));
                 }
-                let values = track.at(pose.seconds);
-                if !values.iter().all(|x| x.is_finite()) {
-                    notes.repaired(&channel.at, format!("{} is not finite at this time: not played", channel.pointer));
-                    continue;
-                }
-                if set_property(&mut out, &channel.pointer, &values)? {
-                    continue;
-                }
+                let (at, pointer, inside) = (at.clone(), pointer.clone(), inside.to_owned());
+                channels.push(Playing { at, pointer, element, inside, track });
             }
-            notes.approximated(&channel.at, format!("{} is not played", channel.pointer));
         }
+        let what = if played.is_empty() { "nothing: the file has no animation".into() } else { played.join(", ") };
+        notes.convention("animations", format!("at {seconds} s, played: {what}"));
+        Ok(Self { json, channels })
     }
-    let what = if played.is_empty() { "nothing: the file has no animation".into() } else { played.join(", ") };
-    notes.convention("animations", format!("at {} s, played: {what}", pose.seconds));
-    Ok(out)
+
+    /// The elements that channels change.
+    pub fn elements(&self) -> impl Iterator<Item = Element> {
+        self.channels.iter().map(|channel| channel.element)
+    }
+
+    /// Gives the document's elements the values that they have at a time, clamped to each channel's keys. If two channels animate
+    /// one property, the later one wins.
+    ///
+    /// # Errors
+    /// Faults of nodes with these values; those of other elements are kept in their places.
+    pub fn pose(&self, document: &mut Document, seconds: f64, notes: &mut Notes) -> Result<()> {
+        let mut elements = BTreeMap::new();
+        for Playing { at, pointer, element, inside, track } in &self.channels {
+            // Those without a value now are as at rest again.
+            let json =
+                elements.entry(*element).or_insert_with(|| rest(self.json, *element).cloned().unwrap_or_default());
+            let values = track.at(seconds);
+            if !values.iter().all(|x| x.is_finite()) {
+                notes.repaired(at, format!("{pointer} is not finite at this time: not played"));
+            } else if !set_property(json, self.json, inside, &values) {
+                notes.approximated(at, format!("{pointer} is not played"));
+            }
+        }
+        elements
+            .iter()
+            .try_for_each(|((array, index), json)| document.replace(self.json, (*array, *index), json, notes))
+    }
+}
+
+fn rest(json: &Value, (array, index): Element) -> Option<&Value> {
+    ANIMATED[array].split('.').fold(json, |value, key| &value[key]).get(index)
+}
+
+/// The element that a JSON pointer leads into, and the rest of the pointer.
+fn element_of<'a>(json: &Value, pointer: &'a str) -> Option<(Element, &'a str)> {
+    let inside = |array: usize| {
+        let rest = pointer.strip_prefix('/')?.strip_prefix(&ANIMATED[array].replace('.', "/"))?;
+        let (index, inside) = rest.strip_prefix('/')?.split_once('/')?;
+        Some(((array, index.parse().ok()?), inside))
+    };
+    (0..ANIMATED.len()).find_map(inside).filter(|(element, _)| rest(json, *element).is_some())
 }
 
 /// The keys of a channel.
@@ -185,15 +256,14 @@ fn values_per_key(interpolation: Interpolation) -> usize {
     if interpolation == Interpolation::CubicSpline { 3 } else { 1 }
 }
 
-/// Writes a value at a JSON pointer and creates members that may be absent because they have a default. `false` if the
-/// pointer does not resolve.
-fn set_property(json: &mut Value, pointer: &str, values: &[f64]) -> Result<bool> {
-    // Animatable properties belong to an element of one of the document's arrays.
-    let Some((parent, name)) = pointer.rsplit_once('/').filter(|(parent, _)| parent.matches('/').count() > 1) else {
-        return Ok(false);
-    };
-    add_weights(json, parent);
-    let Some(target) = resolve(json, parent) else { return Ok(false) };
+/// Writes a value at a JSON pointer within an element of the document `root`, and creates members that may be absent because they
+/// have a default. `false` if the pointer does not resolve.
+fn set_property(element: &mut Value, root: &Value, pointer: &str, values: &[f64]) -> bool {
+    let (parent, name) = pointer.rsplit_once('/').unwrap_or(("", pointer));
+    if parent == "weights" {
+        add_weights(element, root);
+    }
+    let Some(target) = resolve(element, parent) else { return false };
     let value = match (name, values) {
         ("visible", [x]) => json!(*x != 0.0),
         ("weights", _) => json!(values),
@@ -209,38 +279,31 @@ fn set_property(json: &mut Value, pointer: &str, values: &[f64]) -> Result<bool>
         }
         Value::Array(items) => match name.parse::<usize>().ok().and_then(|index| items.get_mut(index)) {
             Some(item) => *item = value,
-            None => return Ok(false),
+            None => return false,
         },
-        _ => return Ok(false),
+        _ => return false,
     }
-    Ok(true)
+    true
 }
 
-/// Adds weights to a node or mesh that has none, whose weights a pointer names: those of the node's mesh, else zeros.
-fn add_weights(json: &mut Value, pointer: &str) {
-    let Some(path) = pointer.strip_suffix("/weights") else { return };
-    let Some(owner) = json.pointer(path).filter(|owner| owner.get("weights").is_none()) else { return };
-    let mesh = match owner.get("mesh").and_then(Value::as_u64) {
-        Some(mesh) if path.starts_with("/nodes/") => &json["meshes"][mesh as usize],
-        _ => owner,
-    };
+/// Adds weights to a node or mesh that has none: those of the node's mesh, else zeros.
+fn add_weights(owner: &mut Value, root: &Value) {
+    let mesh = owner.get("mesh").and_then(Value::as_u64).map_or(&*owner, |mesh| &root["meshes"][mesh as usize]);
     let targets = mesh["primitives"][0]["targets"].as_array().map_or(0, Vec::len);
-    if targets == 0 {
-        return;
-    }
     let weights = mesh.get("weights").cloned().unwrap_or_else(|| json!(vec![0.0; targets]));
-    json.pointer_mut(path).and_then(Value::as_object_mut).map(|owner| owner.insert("weights".into(), weights));
+    if let Some(members) = owner.as_object_mut().filter(|_| targets > 0) {
+        members.entry("weights").or_insert(weights);
+    }
 }
 
-/// Resolves a JSON pointer. Creates absent objects whose members all have defaults.
-fn resolve<'a>(json: &'a mut Value, pointer: &str) -> Option<&'a mut Value> {
-    let mut at = json;
-    for (depth, name) in pointer.split('/').skip(1).enumerate() {
+/// Resolves a JSON pointer within an element. Creates absent objects whose members all have defaults.
+fn resolve<'a>(element: &'a mut Value, pointer: &str) -> Option<&'a mut Value> {
+    let mut at = element;
+    for name in pointer.split('/').filter(|name| !name.is_empty()) {
         let name = name.replace("~1", "/").replace("~0", "~");
         at = match at {
             Value::Object(members) => {
-                let defaults = ["extensions", "pbrMetallicRoughness"].contains(&&name[..]) || name.starts_with("KHR_");
-                if depth >= 2 && defaults {
+                if ["extensions", "pbrMetallicRoughness"].contains(&&name[..]) || name.starts_with("KHR_") {
                     members.entry(&name).or_insert_with(|| json!({}));
                 }
                 members.get_mut(&name)?

@@ -37,7 +37,6 @@ impl Draft {
         Self { geometry: Geometry { mesh, ..Default::default() }, world: self.world }.finish()
     }
 
-    /// The scene's mesh.
     pub fn finish(mut self) -> scene::Mesh {
         let sets = self.geometry.tangents_for;
         tangents::make(&mut self.geometry, sets);

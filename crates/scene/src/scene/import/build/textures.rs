@@ -14,16 +14,13 @@ use tracing::debug;
 
 use super::cache::ImportCache;
 use super::decode::basis;
-use super::detail::halvings;
 use super::reader::Budget;
 use crate::error::{Error, Result};
-use crate::guard::guarded;
 use crate::scene::import::document::Document;
 use crate::scene::import::document::images::{Image, ImageData, Sampler, Texture};
 use crate::scene::import::document::texture_info::TextureInfo;
-use crate::scene::import::options::Views;
 use crate::scene::import::report::Notes;
-use crate::scene::{self, Filter, Scene, StoredImage, Texels, TextureRef, TextureSlot, Wrap};
+use crate::scene::{self, Filter, Scene, Texels, TextureRef, TextureSlot, Wrap};
 
 /// Limits of a picture's size in texels. Larger pictures are refused before decoding.
 const MAX_TEXELS_PER_SIDE: u32 = 1 << 15;
@@ -45,89 +42,23 @@ fn stored(image: &Image, document: &Document) -> Result<Bytes> {
     }
 }
 
-/// Decodes a picture, with sides that are halved `halvings` times if that is known; the inner error says why it cannot be decoded.
-fn decode(
-    image: &Image,
-    document: &Document,
-    (format, size, halvings): (Format, [u32; 2], Option<u32>),
-) -> Result<std::result::Result<scene::Image, String>> {
+/// Decodes a picture; the inner error says why it cannot be decoded.
+fn decode(image: &Image, document: &Document, format: Format) -> Result<std::result::Result<scene::Image, String>> {
     let bytes = stored(image, document)?;
-    let stored = halvings.map(|_| StoredImage { size, hash: blake3::hash(&bytes).to_hex().to_string() });
-    let halvings = halvings.unwrap_or(0);
-    let made = |(width, height), texels: Texels, halvings: u32| {
-        let mut made = scene::Image { name: image.name.clone(), width, height, texels, stored };
-        (0..halvings).for_each(|_| made.halve());
-        made
-    };
+    let hash = blake3::hash(&bytes).to_hex().to_string();
+    let made = |(width, height), texels: Texels| scene::Image { name: image.name.clone(), width, height, texels, hash };
     let Format::Image(format) = format else {
         let Ok(size) = basis::probe(&bytes) else { return Ok(Err("a damaged KTX2 picture".into())) };
-        return Ok(basis::decode(&bytes).map(|texels| made(size, eight_bits(texels), halvings)));
+        return Ok(basis::decode(&bytes).map(|texels| made(size, eight_bits(texels))));
     };
-    let scaled = (halvings > 0 && format == ImageFormat::Png).then(|| scaled_png(&bytes, halvings)).flatten();
-    if let Some((size, texels)) = scaled {
-        return Ok(Ok(made(size, texels, 0)));
-    }
     let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
     let mut limits = Limits::default();
     limits.max_image_width = Some(MAX_TEXELS_PER_SIDE);
     limits.max_image_height = Some(MAX_TEXELS_PER_SIDE);
     limits.max_alloc = Some(MAX_TEXELS * 16);
     reader.limits(limits);
-    Ok(reader.decode().map_err(|e| damaged(&e)).map(|picture| {
-        let size = (picture.width(), picture.height());
-        made(size, texels(picture), halvings)
-    }))
-}
-
-/// Decodes a PNG, whose sides can be halved so often, by stripes of rows, of which each becomes one. `None` if it is interlaced, has
-/// 16 bits, or is damaged, which the usual decoder reports.
-fn scaled_png(bytes: &[u8], halvings: u32) -> Option<((u32, u32), Texels)> {
-    let decode = || -> std::result::Result<_, png::DecodingError> {
-        let mut decoder = png::Decoder::new(Cursor::new(bytes));
-        decoder.set_transformations(png::Transformations::EXPAND);
-        let mut reader = decoder.read_info()?;
-        let (color, depth) = reader.output_color_type();
-        if reader.info().interlaced || depth != png::BitDepth::Eight {
-            return Ok(None);
-        }
-        let (width, rows) = (reader.info().width, 1 << halvings);
-        let (mut stripe, mut texels, mut size, mut opaque) = (Vec::new(), Vec::new(), (0, 0), true);
-        loop {
-            let row = reader.next_row()?;
-            let is_end = row.is_none();
-            if let Some(row) = row {
-                let row = row.data();
-                match color {
-                    png::ColorType::Grayscale => stripe.extend(row.iter().map(|grey| [*grey, *grey, *grey, 255])),
-                    png::ColorType::GrayscaleAlpha => {
-                        stripe.extend(row.as_chunks().0.iter().map(|&[grey, alpha]| [grey, grey, grey, alpha]));
-                    }
-                    png::ColorType::Rgba => stripe.extend(row.as_chunks::<4>().0),
-                    _ => stripe.extend(row.as_chunks().0.iter().map(|&[r, g, b]| [r, g, b, 255])),
-                }
-            }
-            let height = stripe.len() as u32 / width;
-            if height == rows || (is_end && height > 0) {
-                opaque &= stripe.iter().all(|texel| texel[3] == 255);
-                let texels_of = Texels::Rgba8(std::mem::take(&mut stripe));
-                let mut part = scene::Image { width, height, texels: texels_of, ..Default::default() };
-                (0..halvings).for_each(|_| part.halve());
-                size = (part.width, size.1 + part.height);
-                if let Texels::Rgba8(more) = part.texels {
-                    texels.extend(more);
-                }
-            }
-            if is_end {
-                return Ok(Some((size, texels, opaque)));
-            }
-        }
-    };
-    let (size, texels, opaque) = guarded("damaged", decode).ok()??;
-    let texels = match opaque {
-        true => Texels::Rgb8(texels.iter().map(|t| [t[0], t[1], t[2]]).collect()),
-        false => Texels::Rgba8(texels),
-    };
-    Some((size, texels))
+    let picture = reader.decode().map_err(|e| damaged(&e));
+    Ok(picture.map(|picture| made((picture.width(), picture.height()), texels(picture))))
 }
 
 /// Decoder of a picture.
@@ -309,15 +240,15 @@ impl TextureTable {
         Ok(Some(TextureRef { texture: index, set, transform: info.transform, encoding: slot.encoding() }))
     }
 
-    /// Decodes the sampled pictures that are not in `cache`, in parallel, no finer than `views` show them, and adds pictures and
-    /// textures to `scene`. Textures with a damaged picture are removed from their materials.
+    /// Decodes the sampled pictures that are not in `cache`, in parallel, and adds pictures and textures to `scene`. Textures with
+    /// a damaged picture are removed from their materials.
     ///
     /// # Errors
     /// The first picture, in the document's order, that is too large.
     pub fn decode(
         self,
         document: &Document,
-        (file_bytes, views): (u64, Option<&Views>),
+        file_bytes: u64,
         cache: &ImportCache,
         scene: &mut Scene,
         notes: &mut Notes,
@@ -326,16 +257,8 @@ impl TextureTable {
         const BASE: u64 = 1 << 30;
         const FACTOR: u64 = 256;
         let mut budget = Budget::new(BASE, FACTOR, file_bytes);
-        // Those of 16 bits are not halved.
-        let size = |image: &usize| match self.probes.get(image) {
-            Some(&Ok((_, size, 4))) => size,
-            _ => [0; 2],
-        };
-        let sizes: Vec<_> = self.images.iter().map(size).collect();
-        let halvings = views.map(|views| halvings(scene, &self.textures, &sizes, views));
         let mut jobs = Vec::new();
-        for (i, &index) in self.images.iter().enumerate() {
-            let halvings = halvings.as_ref().map(|halvings| halvings[i]);
+        for &index in &self.images {
             let image = document.images.get(index)?;
             let Some(&Ok((format, [width, height], bytes))) = self.probes.get(&index) else { continue };
             let count = u64::from(width) * u64::from(height);
@@ -347,14 +270,13 @@ impl TextureTable {
                 )));
             }
             budget.take(&image.at, count, bytes)?;
-            let key = (index, halvings.unwrap_or(0));
-            let cached = cache.images().get(&key).cloned();
-            jobs.push((key, image, (format, [width, height], halvings), cached));
+            let cached = cache.images().get(&index).cloned();
+            jobs.push((index, image, format, cached));
         }
         let start = Instant::now();
-        let decoded = jobs.par_iter().map(|(_, image, how, cached)| match cached {
+        let decoded = jobs.par_iter().map(|(_, image, format, cached)| match cached {
             Some(cached) => Ok(Ok(Arc::clone(cached))),
-            None => decode(image, document, *how).map(|decoded| decoded.map(Arc::new)),
+            None => decode(image, document, *format).map(|decoded| decoded.map(Arc::new)),
         });
         let decoded: Vec<_> = decoded.collect();
         let new = jobs.iter().filter(|(.., cached)| cached.is_none()).count();
@@ -422,39 +344,5 @@ fn drop_textures(scene: &mut Scene, left: &[Option<u32>]) {
                 mesh.tangents = left;
             }
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_scaled_png_is_the_mean_of_its_texels() {
-        let wave = |x: u32, y: u32, a: u32| [x * 3, y * 4, 100 + x, a].map(|c| c as u8);
-        let rgba = image::RgbaImage::from_fn(128, 192, |x, y| image::Rgba(wave(x, y, 255 - (x + y) % 3)));
-        let opaque = image::RgbaImage::from_fn(64, 128, |x, y| image::Rgba(wave(x, y, 255)));
-        let pictures: [DynamicImage; 4] = [
-            rgba.clone().into(),
-            opaque.into(),
-            DynamicImage::from(rgba.clone()).into_luma8().into(),
-            DynamicImage::from(rgba).into_luma_alpha8().into(),
-        ];
-        for picture in pictures {
-            let mut bytes = Vec::new();
-            picture.write_to(&mut Cursor::new(&mut bytes), ImageFormat::Png).unwrap();
-            let (width, height) = (picture.width(), picture.height());
-            let mut whole = scene::Image { width, height, texels: texels(picture), ..Default::default() };
-            for halvings in 1..=6 {
-                whole.halve();
-                let (size, scaled) = scaled_png(&bytes, halvings).unwrap();
-                assert_eq!((size, format!("{scaled:?}")), ((whole.width, whole.height), format!("{:?}", whole.texels)));
-            }
-            assert!(scaled_png(&bytes[..bytes.len() / 2], 2).is_none());
-        }
-        let sixteen = DynamicImage::new_rgb16(8, 8);
-        let mut bytes = Vec::new();
-        sixteen.write_to(&mut Cursor::new(&mut bytes), ImageFormat::Png).unwrap();
-        assert!(scaled_png(&bytes, 1).is_none());
     }
 }

@@ -1,12 +1,16 @@
-//! Time samples while the shutter is open: world transforms, lights and morph weights of all nodes.
+//! What moves, over time: world transforms, lights and morph weights of the nodes that an animation changes.
+
+use std::collections::HashMap;
 
 use glam::DAffine3;
 use serde_json::Value;
 
-use super::{lights, pose};
+use super::lights;
+use super::pose::Animation;
 use crate::error::Result;
 use crate::scene::LightKey;
-use crate::scene::import::document::Document;
+use crate::scene::import::document::nodes::top_nodes;
+use crate::scene::import::document::{ANIMATED, Document};
 use crate::scene::import::options::{Pose, Shutter};
 use crate::scene::import::report::Notes;
 use crate::scene::motion::MAX_STEPS;
@@ -18,38 +22,99 @@ const MAX_DEVIATION: f64 = 1.0 / 256.0;
 /// Relative rounding error of keys in files.
 const KEY_ROUNDING_ERROR: f64 = 1e-6;
 
-/// State of all nodes at one time; lists are indexed by the document's nodes.
-pub struct TimeSample {
-    /// Transforms to world space.
-    pub worlds: Vec<DAffine3>,
+/// State of a node at one time.
+pub struct NodeSample {
+    /// Transform to world space.
+    pub world: DAffine3,
     /// Weights of morph targets.
-    pub weights: Vec<Vec<f32>>,
-    /// Punctual lights.
-    pub lights: Vec<Option<LightKey>>,
+    pub weights: Vec<f32>,
+    pub light: Option<LightKey>,
 }
 
-/// The time sample of a pose. `parse` checks the document with the values at that time.
+/// Samples of the nodes that change: while the shutter is open, then one frame before and one after; either part may be empty.
+#[derive(Default)]
+pub struct TimeSamples {
+    by_node: HashMap<usize, Vec<NodeSample>>,
+    /// Number of samples while the shutter is open.
+    pub shutter: usize,
+    pub count: usize,
+}
+
+impl TimeSamples {
+    /// The samples of a node; empty if it does not change.
+    pub fn of(&self, node: usize) -> &[NodeSample] {
+        self.by_node.get(&node).map_or(&[], |samples| samples)
+    }
+}
+
+/// Gives the document, which is at rest as `json` is, the values of a pose, and returns what moves around its time.
 ///
 /// # Errors
-/// Errors of [`pose::posed`] and of `parse`.
-pub fn time_sample(
-    at_rest: &Document,
+/// Those of [`Animation::read`] and [`Animation::pose`].
+pub fn play(
+    document: &mut Document,
     json: &Value,
     file_bytes: u64,
     pose: &Pose,
-    parse: &dyn Fn(&Value) -> Result<Document>,
-) -> Result<TimeSample> {
-    TimeSample::from_document(&parse(&pose::posed(at_rest, json, file_bytes, pose, &mut Notes::default())?)?)
+    notes: &mut Notes,
+) -> Result<TimeSamples> {
+    // The picture's own time lies within the shutter, so that the rest of the scene agrees with it.
+    let own = pose.seconds + pose.shutter.map_or(0.0, |shutter| 0.0_f64.clamp(shutter.opens, shutter.closes));
+    let animation = Animation::read(document, json, file_bytes, pose, own, notes)?;
+    let (changing, mut worlds) = (changing(document, &animation), document.world_transforms());
+    let mut at = |seconds: f64| {
+        animation.pose(document, seconds, &mut Notes::default())?;
+        Ok(changing.iter().map(|&(node, parent)| NodeSample::of(document, node, parent, &mut worlds)).collect())
+    };
+    let mut samples = shutter_samples(pose, &mut at)?;
+    let shutter = samples.len();
+    for seconds in pose.frame.into_iter().flat_map(|frame| [pose.seconds - frame, pose.seconds + frame]) {
+        samples.push(at(seconds)?);
+    }
+    animation.pose(document, own, notes)?;
+    let count = samples.len();
+    let mut by_node = HashMap::<usize, Vec<NodeSample>>::new();
+    for (&(node, _), sample) in samples.into_iter().flat_map(|sample| changing.iter().zip(sample)) {
+        by_node.entry(node).or_default().push(sample);
+    }
+    Ok(TimeSamples { by_node, shutter, count })
 }
 
-/// Time samples evenly spaced from the shutter's opening to its closing: as many as requested, else as many as are needed
-/// for linear interpolation to be accurate. `time_sample` evaluates a time in seconds.
-///
-/// # Errors
-/// Errors of `time_sample`.
-pub fn time_samples(pose: &Pose, time_sample: &dyn Fn(f64) -> Result<TimeSample>) -> Result<Vec<TimeSample>> {
+/// The nodes that change, each after its parent, which comes with it.
+fn changing(document: &Document, animation: &Animation) -> Vec<(usize, Option<usize>)> {
+    let nodes = &document.nodes;
+    let mut elements: [Vec<bool>; ANIMATED.len()] = Default::default();
+    for (array, index) in animation.elements() {
+        let elements = &mut elements[array];
+        elements.resize(elements.len().max(index + 1), false);
+        elements[index] = true;
+    }
+    let is_in = |name: &str, index: usize| {
+        let array = ANIMATED.iter().position(|array| *array == name).unwrap_or(0);
+        elements[array].get(index) == Some(&true)
+    };
+    let content = |node: usize| {
+        let Ok(content) = nodes[node].content() else { return false };
+        content.mesh.is_some_and(|mesh| is_in("meshes", mesh))
+            || content.light.is_some_and(|light| is_in("extensions.KHR_lights_punctual.lights", light))
+    };
+    let mut found = Vec::new();
+    let mut stack: Vec<_> = top_nodes(nodes).into_iter().map(|node| (node, None, false)).collect();
+    while let Some((node, parent, above)) = stack.pop() {
+        let moves = above || is_in("nodes", node);
+        found.extend((moves || content(node)).then_some((node, parent)));
+        stack.extend(nodes[node].children.iter().map(|&child| (child, Some(node), moves)));
+    }
+    found
+}
+
+type Sample = Vec<NodeSample>;
+
+/// Samples evenly spaced from the shutter's opening to its closing: as many as requested, else as many as are needed for linear
+/// interpolation to be accurate. `sample` evaluates a time in seconds.
+fn shutter_samples(pose: &Pose, sample: &mut dyn FnMut(f64) -> Result<Sample>) -> Result<Vec<Sample>> {
     let Some(Shutter { opens, closes, steps }) = pose.shutter else { return Ok(Vec::new()) };
-    let at = |fraction: f64| time_sample(pose.seconds + opens + (closes - opens) * fraction);
+    let mut at = |fraction: f64| sample(pose.seconds + opens + (closes - opens) * fraction);
     if let Some(steps) = steps.map(|steps| (steps as usize).clamp(1, MAX_STEPS)) {
         return (0..=steps).map(|step| at(step as f64 / steps as f64)).collect();
     }
@@ -63,8 +128,8 @@ pub fn time_samples(pose: &Pose, time_sample: &dyn Fn(f64) -> Result<TimeSample>
             return Ok(keys);
         }
         let mut finer = Vec::with_capacity(2 * steps + 1);
-        for (time_sample, middle) in keys.into_iter().zip(middles.into_iter().map(Some).chain([None])) {
-            finer.push(time_sample);
+        for (sample, middle) in keys.into_iter().zip(middles.into_iter().map(Some).chain([None])) {
+            finer.push(sample);
             finer.extend(middle);
         }
         keys = finer;
@@ -74,31 +139,27 @@ pub fn time_samples(pose: &Pose, time_sample: &dyn Fn(f64) -> Result<TimeSample>
     }
 }
 
-impl TimeSample {
-    fn from_document(document: &Document) -> Result<Self> {
-        let worlds = document.world_transforms();
-        let (mut weights, mut keys) = (Vec::new(), Vec::new());
-        for (node, world) in document.nodes.iter().zip(&worlds) {
-            // Faults of shown nodes are reported for the document at the picture's own time.
-            let content = node.content().ok();
-            let mesh = content.and_then(|c| document.meshes.get(c.mesh?).ok());
-            weights
-                .push(content.and_then(|c| c.weights.clone()).or(mesh.map(|m| m.weights.clone())).unwrap_or_default());
-            let light = content.and_then(|c| document.lights.get(c.light?).ok());
-            let placed = light.and_then(|light| lights::place(light, "", world, &mut Notes::default()));
-            keys.push(placed.map(|light| light.key()));
-        }
-        Ok(Self { worlds, weights, lights: keys })
+impl NodeSample {
+    /// The state of a node in a posed document; sets its transform in `worlds`, which has those of its parent.
+    fn of(document: &Document, node: usize, parent: Option<usize>, worlds: &mut [DAffine3]) -> Self {
+        let of = &document.nodes[node];
+        worlds[node] = parent.map_or(document.base(), |parent| worlds[parent]) * of.transform;
+        // Faults of shown nodes are reported for the document at the picture's own time.
+        let content = of.content().ok();
+        let mesh = content.and_then(|c| document.meshes.get(c.mesh?).ok());
+        let weights = content.and_then(|c| c.weights.clone()).or(mesh.map(|m| m.weights.clone())).unwrap_or_default();
+        let light = content.and_then(|c| document.lights.get(c.light?).ok());
+        let light = light.and_then(|light| lights::place(light, "", &worlds[node], &mut Notes::default()));
+        Self { world: worlds[node], weights, light: light.map(|light| light.key()) }
     }
 
-    /// Values of a node that may change, in groups of one scale: matrix, translation, weights, light intensity.
-    fn numbers(&self, node: usize) -> [Vec<f64>; 4] {
-        let world = &self.worlds[node];
+    /// Values that may change, in groups of one scale: matrix, translation, weights, light intensity.
+    fn numbers(&self) -> [Vec<f64>; 4] {
         [
-            world.matrix3.to_cols_array().to_vec(),
-            world.translation.to_array().to_vec(),
-            self.weights[node].iter().map(|w| f64::from(*w)).collect(),
-            self.lights[node].iter().flat_map(|key| key.intensity.to_array().map(f64::from)).collect(),
+            self.world.matrix3.to_cols_array().to_vec(),
+            self.world.translation.to_array().to_vec(),
+            self.weights.iter().map(|w| f64::from(*w)).collect(),
+            self.light.iter().flat_map(|key| key.intensity.to_array().map(f64::from)).collect(),
         ]
     }
 }
@@ -108,12 +169,12 @@ fn max_difference(a: &[f64], b: &[f64]) -> f64 {
 }
 
 /// Range of each node's values, by group.
-fn node_ranges<'a>(mut time_samples: impl Iterator<Item = &'a TimeSample>) -> Vec<[f64; 4]> {
-    let Some(first) = time_samples.next() else { return Vec::new() };
-    let mut ranges = vec![[0.0_f64; 4]; first.worlds.len()];
-    for time_sample in time_samples {
-        for (node, ranges) in ranges.iter_mut().enumerate() {
-            let (a, b) = (first.numbers(node), time_sample.numbers(node));
+fn node_ranges<'a>(mut samples: impl Iterator<Item = &'a Sample>) -> Vec<[f64; 4]> {
+    let Some(first) = samples.next() else { return Vec::new() };
+    let mut ranges = vec![[0.0_f64; 4]; first.len()];
+    for sample in samples {
+        for ((first, own), ranges) in first.iter().zip(sample).zip(&mut ranges) {
+            let (a, b) = (first.numbers(), own.numbers());
             for group in 0..4 {
                 ranges[group] = ranges[group].max(max_difference(&a[group], &b[group]));
             }
@@ -123,9 +184,9 @@ fn node_ranges<'a>(mut time_samples: impl Iterator<Item = &'a TimeSample>) -> Ve
 }
 
 /// Does a value in the middle deviate too far from linear interpolation?
-fn is_curved([a, middle, b]: [&TimeSample; 3], ranges: &[[f64; 4]]) -> bool {
+fn is_curved(samples: [&Sample; 3], ranges: &[[f64; 4]]) -> bool {
     (0..ranges.len()).filter(|&node| ranges[node].iter().any(|w| *w > 0.0)).any(|node| {
-        let [a, m, b] = [a, middle, b].map(|time_sample| time_sample.numbers(node));
+        let [a, m, b] = samples.map(|sample| sample[node].numbers());
         (0..4).any(|group| {
             let line: Vec<f64> = a[group].iter().zip(&b[group]).map(|(a, b)| 0.5 * (a + b)).collect();
             let size = line.iter().fold(0.0, |most: f64, x| most.max(x.abs()));

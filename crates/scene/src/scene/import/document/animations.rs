@@ -18,7 +18,6 @@ pub struct Channel {
     pub at: String,
 }
 
-/// An animation.
 #[derive(Debug)]
 pub struct Animation {
     /// Name; may be empty.

@@ -7,7 +7,6 @@ use crate::error::{Error, Result};
 use crate::scene::import::complaint::bad;
 use crate::scene::import::source::{Blob, Source};
 
-/// One glTF buffer.
 pub struct Buffer {
     /// `None` without `uri` and GLB chunk, which the specification allows.
     data: Option<Blob>,

@@ -8,7 +8,6 @@ pub const SPLATS: &str = "KHR_gaussian_splatting";
 /// How an extension is treated.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Support {
-    /// Fully supported.
     Full,
     /// Has no effect on the picture, or has an exact fallback in core glTF.
     NoEffect,
@@ -16,7 +15,6 @@ pub enum Support {
     Ignored(&'static str),
 }
 
-/// Support of an extension.
 pub fn support(name: &str) -> Support {
     use Support::*;
     match name {

@@ -14,7 +14,6 @@ use crate::scene::{Filter, Wrap};
 pub enum ImageData {
     /// A file or data URI.
     Bytes(Bytes),
-    /// A buffer view.
     View(usize),
     /// Neither `uri` nor `bufferView`.
     Nothing,
@@ -22,7 +21,6 @@ pub enum ImageData {
     Unreadable(Error),
 }
 
-/// A document's image.
 #[derive(Debug)]
 pub struct Image {
     pub data: ImageData,
@@ -62,7 +60,6 @@ impl Image {
     }
 }
 
-/// A document's sampler.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Sampler {
     pub wrap_s: Wrap,
@@ -97,7 +94,6 @@ impl Sampler {
 const WEBP: &str = "EXT_texture_webp";
 const BASIS: &str = "KHR_texture_basisu";
 
-/// A document's texture.
 #[derive(Debug)]
 pub struct Texture {
     /// Images in order of preference: of EXT_texture_webp, of the core texture, of KHR_texture_basisu.

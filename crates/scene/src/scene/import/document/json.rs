@@ -24,7 +24,8 @@ impl<'a> Json<'a> {
         Self { root: value, value, notes, at: String::new() }
     }
 
-    fn inside(&self, value: &'a Value, at: String) -> Self {
+    /// A value within this document, with its path.
+    pub fn inside(&self, value: &'a Value, at: String) -> Self {
         Self { root: self.root, value, notes: self.notes, at }
     }
 
@@ -170,7 +171,6 @@ impl<'a> Json<'a> {
         <[f64; N]>::try_from(numbers).map(Some).map_err(|_| wanted())
     }
 
-    /// An extension's object.
     pub fn extension(&self, name: &str) -> Result<Option<Json<'a>>> {
         self.get("extensions")?.map_or(Ok(None), |extensions| extensions.get(name))
     }

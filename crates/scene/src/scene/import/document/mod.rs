@@ -75,17 +75,21 @@ pub struct Document {
     pub variants: Vec<String>,
     /// Index of the shown variant.
     pub variant: Option<usize>,
+    /// Whether the document requires KHR_mesh_quantization.
+    quantized: bool,
     /// Extensions that are declared or occur in the document, with the JSON path of the first occurrence.
     pub extensions: BTreeMap<String, String>,
 }
+
+/// Paths of the arrays whose elements animations change. Elements of one refer to those of the ones before it.
+pub const ANIMATED: [&str; 5] = ["materials", "meshes", "cameras", "extensions.KHR_lights_punctual.lights", "nodes"];
 
 /// What glTF 2.1 adds to a document that pictures may need.
 const BEYOND: [(&str, &str); 3] =
     [("externalAssets", "scenes in other files"), ("files", "files"), ("shapes", "shapes without triangles")];
 
 impl Document {
-    /// Parses and checks everything but the data of accessors and pictures. `json` is the source's document, or a copy of it
-    /// with the values of animated properties at one time.
+    /// Parses and checks everything but the data of accessors and pictures. `json` is the source's document.
     ///
     /// # Errors
     /// [`Error::Data`] for what breaks the specification in a way that concerns the document as a whole, [`Error::Usage`]
@@ -158,8 +162,38 @@ impl Document {
             scene_names,
             variants,
             variant,
+            quantized,
             extensions,
         })
+    }
+
+    /// Replaces an element of one of the arrays [`ANIMATED`] by that of a copy of the document `root` with other values.
+    ///
+    /// # Errors
+    /// A faulty node. Others keep their faults in their places.
+    pub fn replace(
+        &mut self,
+        root: &Value,
+        (array, index): (usize, usize),
+        element: &Value,
+        notes: &mut Notes,
+    ) -> Result<()> {
+        let kept = RefCell::new(Notes::default());
+        let json = &Json::root(root, &kept).inside(element, format!("{}[{index}]", ANIMATED[array]));
+        match ANIMATED[array] {
+            "materials" => self.materials.set(index, Material::parse(json)),
+            "meshes" => {
+                let Self { accessors, views, materials, quantized, variant, .. } = &*self;
+                let references = References { accessors, views, materials, quantized: *quantized, variant: *variant };
+                let mesh = Mesh::parse(json, references);
+                self.meshes.set(index, mesh);
+            }
+            "cameras" => self.cameras.set(index, cameras::parse(json)),
+            "nodes" => self.nodes[index] = Node::parse(json, &self.meshes, &self.accessors)?,
+            _ => self.lights.set(index, lights::parse(json)),
+        }
+        notes.join(kept.take());
+        Ok(())
     }
 
     /// Every node's transform to world space from [`Self::origin`], also of nodes that no scene shows.

@@ -24,7 +24,6 @@ pub struct Primitive {
     pub at: String,
 }
 
-/// A glTF mesh.
 #[derive(Debug)]
 pub struct Mesh {
     pub name: String,

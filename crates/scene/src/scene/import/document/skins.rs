@@ -5,7 +5,6 @@ use super::json::Json;
 use super::table::Table;
 use crate::error::Result;
 
-/// A glTF skin.
 #[derive(Debug)]
 pub struct Skin {
     pub joints: Vec<usize>,

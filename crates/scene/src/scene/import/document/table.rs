@@ -27,6 +27,11 @@ impl<T> Table<T> {
         self.elements[index].as_ref().map_err(Clone::clone)
     }
 
+    /// Replaces the element at a checked index.
+    pub fn set(&mut self, index: usize, element: Result<T>) {
+        self.elements[index] = element;
+    }
+
     pub fn len(&self) -> usize {
         self.elements.len()
     }

@@ -7,11 +7,8 @@ use super::reach::{Reach, index, items};
 /// Numbers of the elements that some scene of the document can show, as the document states them.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Census {
-    /// Vertices of the meshes.
     pub vertices: u64,
-    /// Triangles of the meshes.
     pub triangles: u64,
-    /// Primitives of the meshes.
     pub meshes: u64,
     /// Placements of meshes.
     pub instances: u64,

@@ -18,7 +18,6 @@ pub const STANDARD_INPUT: &str = "standard input";
 pub enum Input {
     /// A file, of which any part can be read.
     File(File),
-    /// All bytes.
     Memory(Bytes),
 }
 

@@ -31,7 +31,6 @@ use uri::Resource;
 /// Data that a `uri` names.
 #[derive(Debug, Clone)]
 pub struct Data {
-    /// The bytes.
     pub bytes: Blob,
     /// Media type of a data URI, may be empty; `None` for files.
     pub mime: Option<String>,
@@ -42,7 +41,6 @@ pub struct Data {
 pub struct Source {
     /// The scene file's path.
     pub path: PathBuf,
-    /// Its document.
     pub json: Value,
     /// Small faults of it that were mended.
     pub repairs: Repairs,

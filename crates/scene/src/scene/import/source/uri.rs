@@ -26,7 +26,6 @@ pub enum Resource {
     Data {
         /// Media type, may be empty.
         mime: String,
-        /// Decoded bytes.
         bytes: Vec<u8>,
     },
 }
