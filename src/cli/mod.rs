@@ -60,6 +60,7 @@ enum Command {
     Labels(labels::LabelsArgs),
     Look(look::LookArgs),
     Develop(develop::DevelopArgs),
+    #[command(alias = "movie")]
     Sheet(sheet::SheetArgs),
     Study(study::StudyArgs),
     Completions(CompletionsArgs),

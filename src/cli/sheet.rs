@@ -24,7 +24,7 @@ pub struct SheetArgs {
     #[arg(long, value_name = "FRAMES")]
     frames: Option<Frames>,
     /// Output contact sheet.
-    #[arg(short, long, value_name = "FILE.png")]
+    #[arg(short, long, alias = "sheet", value_name = "FILE.png")]
     output: PathBuf,
 }
 
