@@ -4,16 +4,17 @@ import math
 
 COLORS = ("#c8321e", "#2668b0", "#6b7280", "#2f8f4e")
 WIDTH, HEIGHT, LEFT, TOP, BOTTOM = 250, 230, 54, 34, 40
+COLUMNS = 4
 
 
 def chart(points):
     """`points`: {scene: {renderer: [(seconds, error), ...]}}."""
     parts = []
     for index, (scene, series) in enumerate(points.items()):
-        parts.append(f'<g transform="translate({index % 3 * (WIDTH + LEFT)},{index // 3 * (HEIGHT + TOP + BOTTOM)})">')
+        parts.append(f'<g transform="translate({index % COLUMNS * (WIDTH + LEFT)},{index // COLUMNS * (HEIGHT + TOP + BOTTOM)})">')
         parts += panel(scene, series)
         parts.append("</g>")
-    columns, rows = min(len(points), 3), math.ceil(len(points) / 3)
+    columns, rows = min(len(points), COLUMNS), math.ceil(len(points) / COLUMNS)
     width, height = columns * (WIDTH + LEFT) + 20, rows * (HEIGHT + TOP + BOTTOM) + 34
     names = list(dict.fromkeys(name for series in points.values() for name in series))
     for index, name in enumerate(names):
