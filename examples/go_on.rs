@@ -8,8 +8,8 @@ use std::time::Instant;
 
 use bismar::integrator::PreparedScene;
 use bismar::rays::Backend;
-use bismar::render::checkpoint::{self, Earlier, Host, Record};
-use bismar::render::identity::RequestedOutputs;
+use bismar::render::record::checkpoint::{self, Earlier, Host, Record};
+use bismar::render::record::identity::RequestedOutputs;
 use bismar::render::{Identity, RenderSettings, RunOptions, StopReason, run};
 use bismar::scene::import;
 use bismar::{Error, Result};

@@ -12,7 +12,7 @@ use bismar::farm::{PathMapping, Plan};
 use bismar::film::{Picture, exr_file};
 use bismar::integrator::PreparedScene;
 use bismar::rays::Backend;
-use bismar::render::checkpoint::{Earlier, unpack};
+use bismar::render::record::checkpoint::{Earlier, unpack};
 use bismar::render::{self, RenderSettings};
 use bismar::scene::import::{EnvironmentFile, ImportOptions, Imported, Pose, SceneFiles, Shutter};
 use serde_json::json;

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use bismar::film::compare::relative_to;
 use bismar::rays::Backend;
-use bismar::render::checkpoint::{fits, pack, unpack};
+use bismar::render::record::checkpoint::{fits, pack, unpack};
 use bismar::render::{
     Balance, Choice, Part, Progress, RenderSettings, Rendered, RunOptions, Saved, StopReason, Technique,
     TechniqueStats, run,

@@ -6,7 +6,7 @@ use std::sync::atomic::AtomicBool;
 
 use bismar::film::Pixels;
 use bismar::rays::Backend;
-use bismar::render::default_light::own_light;
+use bismar::render::prepass::default_light::own_light;
 use bismar::render::{Choice, RenderSettings, RunOptions, Technique, run};
 use bismar::scene::build::{area_light, glass, lambert, look};
 use bismar::scene::import::{ImportOptions, NoteKind, import};

@@ -277,8 +277,9 @@ fn a_circle_is_found_through_re_exports_and_in_bodies() {
 }
 
 /// Folders within a room, in order: each imports only what stands before it.
-const LAYERS: [(&str, &[&str]); 2] = [
+const LAYERS: [(&str, &[&str]); 3] = [
     ("scene/import", &["source", "document", "build", "summary"]),
+    ("render", &["settings", "pass", "prepass", "record", "driver"]),
     ("integrator", &["surface", "data", "events", "stages", "through", "clients", "reuse", "guides", "wave"]),
 ];
 

@@ -6,7 +6,7 @@ use std::fs;
 use std::sync::Arc;
 
 use bismar::rays::Backend;
-use bismar::render::lens::{Aperture, Focus, LensSettings};
+use bismar::render::settings::lens::{Aperture, Focus, LensSettings};
 use bismar::render::{Balance, RenderSettings};
 use bismar::scene::{Projection, Scene};
 use glam::Vec3;

@@ -4,7 +4,7 @@ use std::f32::consts::PI;
 use std::sync::Arc;
 
 use bismar::rays::Backend;
-use bismar::render::lens::{Aperture, Focus, LensSettings};
+use bismar::render::settings::lens::{Aperture, Focus, LensSettings};
 use bismar::render::{Balance, Choice, GlassShadows, Integrator, RenderSettings, Technique};
 use bismar::scene::{Camera, Environment, Material, Motion, Projection, PunctualKind, Scene};
 use glam::{Affine3A, DAffine3, Vec3, vec3};

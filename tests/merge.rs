@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use bismar::film::exr_file;
-use bismar::render::checkpoint::unpack;
+use bismar::render::record::checkpoint::unpack;
 
 use crate::helpers::farm::folder;
 use crate::helpers::program::{self, assert_same_bits, bits, expect, names, says};

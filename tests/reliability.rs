@@ -10,7 +10,7 @@ use std::sync::atomic::AtomicBool;
 
 use bismar::Error;
 use bismar::rays::Backend;
-use bismar::render::lens::{Aperture, Focus, LensSettings};
+use bismar::render::settings::lens::{Aperture, Focus, LensSettings};
 use bismar::render::{Balance, Part, RenderSettings, RunOptions, StopReason, StudyOptions, render, replay, run};
 
 use crate::helpers::gltf_parts::floats;

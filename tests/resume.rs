@@ -12,7 +12,7 @@ use bismar::balance::method::take_pass_and_update;
 use bismar::balance::{LearnedPixels, Method, Moments, Sampler};
 use bismar::film::exr_file;
 use bismar::rays::Backend;
-use bismar::render::checkpoint::{fits, pack, unpack};
+use bismar::render::record::checkpoint::{fits, pack, unpack};
 use bismar::render::{
     Balance, Choice, CustomMethod, Part, Pause, RenderSettings, RenderStats, Rendered, RunOptions, Saved, StopReason,
     Technique, render, run,

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use bismar::bsdf::{Bsdf, Lobe, Parameters, Surface};
 use bismar::lanes::{F, LANES, V3};
 use bismar::rays::Backend;
-use bismar::render::checkpoint::pack;
+use bismar::render::record::checkpoint::pack;
 use bismar::render::{Balance, Choice, Integrator, RenderSettings, Technique};
 use bismar::scene::{Environment, Filter, Material, Mesh, PunctualKind, Scene, Texels, TextureSlot, Wrap, build};
 use glam::{DVec3, Vec3};

@@ -23,7 +23,7 @@ MOST = 40
 MUTANTS = {
     "zero-throughput": "reuse/pairs.rs: a first surface takes part that can draw a direction but not scatter it",
     "sharp-lobes": "reuse/pairs.rs: sharp lobes are lent, by the density toward the lender's own first surface",
-    "shared-stop": "render/sampler.rs: pixels of different stop groups share paths",
+    "shared-stop": "render/pass/sampler.rs: pixels of different stop groups share paths",
     "backs-lights": "stages/lights.rs: light samples do not pass back faces, mirror images do",
     "coplanar": "through/back_faces.rs: a ray that passes a back goes on behind the front in the same place",
     "media-air": "surface/media.rs: whatever body a ray leaves, it is in air",

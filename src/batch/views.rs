@@ -15,7 +15,7 @@ use crate::film::atomic;
 use crate::film::exr_file::{CALIBRATION, HeaderValue, WORLD_TO_CAMERA, WORLD_TO_NDC};
 use crate::integrator::CameraRays;
 use crate::lanes::F;
-use crate::render::checkpoint::{Earlier, text};
+use crate::render::record::checkpoint::{Earlier, text};
 use crate::scene::import::read_text;
 use crate::scene::{Calibration, FieldOfView, Orbit, PlacedCamera};
 use crate::{Error, Result};

@@ -22,7 +22,7 @@ use crate::console::{Paths, Verbosity, Verdict, print, say};
 use crate::film::atomic;
 use crate::job::{PictureCommand, RenderRequest};
 use crate::render::StopReason;
-use crate::render::checkpoint::Earlier;
+use crate::render::record::checkpoint::Earlier;
 use crate::{Error, Result};
 use outcome::{Check, Limit, Outcome, compare};
 

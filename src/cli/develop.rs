@@ -9,7 +9,7 @@ use crate::cli::view_args::ViewArgs;
 use crate::console::{Paths, Verbosity, Verdict, say};
 use crate::film::denoise::DENOISED;
 use crate::film::{Exposure, Look, Picture, ViewTransform, atomic, exr_file, preview};
-use crate::render::checkpoint::text;
+use crate::render::record::checkpoint::text;
 use crate::{Error, Result};
 
 /// Convert an OpenEXR or HDR picture to PNG, JPEG or WebP with a view transform and an exposure.

@@ -15,8 +15,9 @@ use crate::integrator::PreparedScene;
 use crate::job::memory::{self, Need};
 use crate::job::size;
 use crate::rays::Backend;
-use crate::render::default_light::{self, OwnLight};
-use crate::render::{RenderSettings, clipped};
+use crate::render::RenderSettings;
+use crate::render::prepass::default_light::{self, OwnLight};
+use crate::render::settings::clipped;
 use crate::scene::Scene;
 use crate::scene::import::{self, EnvironmentFile, EnvironmentSize, Note, STANDARD_INPUT, SceneFiles, Summary};
 

@@ -15,7 +15,7 @@ use self::masks::{Mask, RunLengths, masks};
 use crate::console::{Paths, Verbosity, Verdict, say};
 use crate::film::exr_file::{read_bits, read_header};
 use crate::film::{Picture, atomic, preview};
-use crate::render::checkpoint::text;
+use crate::render::record::checkpoint::text;
 use crate::{Error, Result};
 
 /// Write what a data set needs beside its pictures: COCO annotations, ids, depth and normals (docs/datasets.md).

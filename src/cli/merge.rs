@@ -16,7 +16,7 @@ use crate::film::exr_file::HeaderValue;
 use crate::film::{Exposure, Look, ViewTransform, colors, preview};
 use crate::job::claim_output;
 use crate::job::memory;
-use crate::render::merge::{memory_bytes, merge};
+use crate::render::record::merge::{memory_bytes, merge};
 use crate::{Error, Result};
 
 /// Merge the parts of a picture, or average pictures of different seeds.

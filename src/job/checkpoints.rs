@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use rustix::process::{Pid, Signal, kill_process_group};
 use tracing::warn;
 
-use crate::render::checkpoint::Earlier;
+use crate::render::record::checkpoint::Earlier;
 
 /// The longest time that the user's program may run on after the render: a scheduler kills both soon after its signal.
 const LONGEST_WAIT: Duration = Duration::from_secs(10);

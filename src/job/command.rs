@@ -10,7 +10,7 @@ use super::request::RenderRequest;
 use crate::Result;
 use crate::film::exr_file::Header;
 use crate::render::Technique;
-use crate::render::checkpoint::{json, text};
+use crate::render::record::checkpoint::{json, text};
 
 /// The header attribute.
 pub const ATTRIBUTE: &str = "bismar.command";

@@ -19,7 +19,7 @@ use crate::film::denoise::{DENOISED, Denoiser, denoised_layers};
 use crate::film::picture::Picture as FilmPicture;
 use crate::film::{Background, Exposure, Look, Pixels, View, ViewTransform, colors, preview};
 use crate::integrator::PreparedScene;
-use crate::render::camera::lens;
+use crate::render::settings::camera::lens;
 use crate::render::{Identity, Progress, RenderSettings, Rendered, RunOptions, StopReason, run};
 use crate::scene::import::{self, Summary};
 use crate::scene::{Calibration, Camera, Framing, PlacedCamera, Projection, Scene};

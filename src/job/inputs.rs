@@ -8,7 +8,7 @@ use std::time::Instant;
 use super::memory;
 use super::request::RenderRequest;
 use crate::console::Paths;
-use crate::render::default_light::OwnLight;
+use crate::render::prepass::default_light::OwnLight;
 use crate::render::{Identity, RenderSettings};
 use crate::scene::import::{EnvironmentFile, EnvironmentSize, SceneFiles, Survey};
 use crate::{Error, Result};

@@ -13,7 +13,7 @@ use super::scene::{make_scene, scene_at_rest};
 use super::stats::Seconds;
 use crate::integrator::PreparedScene;
 use crate::light::AreaLights;
-use crate::render::default_light::{self, OwnLight};
+use crate::render::prepass::default_light::{self, OwnLight};
 use crate::scene::import::SceneFiles;
 use crate::scene::{Deformation, Scene};
 use crate::{Result, rays};

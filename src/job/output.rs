@@ -17,7 +17,7 @@ use crate::film::aov::{MATERIALS, OBJECTS};
 use crate::film::denoise::{DENOISED, Denoiser, denoised_layers};
 use crate::film::exr_file::{CALIBRATION, Header, HeaderValue, WORLD_TO_CAMERA, WORLD_TO_NDC};
 use crate::film::{Aov, Background, Look, Picture, colors, cryptomatte, exr_file, preview};
-use crate::render::checkpoint::{self, Host, json};
+use crate::render::record::checkpoint::{self, Host, json};
 use crate::render::{Identity, Record, Rendered, StopReason, camera};
 use crate::scene::{Projection, Scene};
 use crate::{Error, Result};

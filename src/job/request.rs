@@ -9,7 +9,7 @@ use crate::film::lock::{Claim, claim};
 use crate::film::{Aov, Denoise, Exposure, View, ViewTransform, atomic};
 use crate::rays::Backend;
 use crate::render::RenderSettings;
-use crate::render::identity::RequestedOutputs;
+use crate::render::record::identity::RequestedOutputs;
 use crate::scene::import::ImportOptions;
 use crate::scene::{ClearSky, Framing, Orbit, PlacedCamera};
 

@@ -18,9 +18,9 @@ use super::stats::{self, Stats};
 use super::warnings;
 use crate::console::tev::Tev;
 use crate::film::{exr_file, preview};
-use crate::render::camera::lens;
-use crate::render::checkpoint::Earlier;
-use crate::render::tile::TILE;
+use crate::render::record::checkpoint::Earlier;
+use crate::render::settings::TILE;
+use crate::render::settings::camera::lens;
 use crate::render::{Identity, Pause, Progress, RenderSettings, Rendered, RunOptions, Saved, StopReason, run};
 use crate::{Error, Result};
 

@@ -10,7 +10,7 @@ use crate::console::host;
 use crate::film::atomic;
 use crate::film::exr_file::{Header, HeaderValue};
 use crate::rays::BackendInfo;
-use crate::render::checkpoint::{json, text};
+use crate::render::record::checkpoint::{json, text};
 use crate::render::{Choice, Decisions, Fireflies, Found, RenderSettings, Rendered, Samples, StopReason, Technique};
 use crate::scene::Scene;
 use crate::{Error, Result};

@@ -9,10 +9,10 @@ use super::request::{LightUnit, RenderRequest};
 use crate::color::luminance;
 use crate::integrator::PreparedScene;
 use crate::rays::BackendInfo;
-use crate::render::checkpoint::Host;
-use crate::render::clipped::{TOLD, hidden_share};
-use crate::render::goals::learned_alike;
-use crate::render::tile::Tile;
+use crate::render::pass::tile::Tile;
+use crate::render::record::checkpoint::Host;
+use crate::render::record::goals::learned_alike;
+use crate::render::settings::clipped::{TOLD, hidden_share};
 use crate::render::{BuildInfo, Record, RenderSettings, Rendered, Saved};
 use crate::scene::{PunctualKind, PunctualLight};
 

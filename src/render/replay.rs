@@ -4,15 +4,17 @@ use std::sync::atomic::AtomicBool;
 
 use glam::Vec3;
 
-use super::camera::lens;
+use super::pass::scheduler;
+use super::pass::tile::Tile;
 use super::prepass::Prepasses;
-use super::tile::{Columns, TILE, Tile};
-use super::transport::{pass_seed, transport};
-use super::{RenderSettings, scheduler};
+use super::settings::RenderSettings;
+use super::settings::camera::lens;
+use super::settings::transport::{pass_seed, transport};
 use crate::color::luminance;
 use crate::integrator::clients::PathLog;
 use crate::integrator::clients::path_log::Event;
 use crate::integrator::{Loan, PixelTask, PreparedScene, Wave};
+use crate::render::settings::{Columns, TILE};
 use crate::{Error, Result};
 
 /// One path of a pixel.

@@ -22,7 +22,7 @@ use crate::console::{Paths, Signals, Verbosity, Verdict, host, print, say};
 use crate::farm::slurm::quoted;
 use crate::film::atomic;
 use crate::job::{Inputs, Session, write_json};
-use crate::render::checkpoint::Earlier;
+use crate::render::record::checkpoint::Earlier;
 use crate::{Error, Result};
 
 /// Options of a batch.

@@ -16,7 +16,7 @@ use crate::farm::sessions::{HELD, INTERRUPTED, Sessions, record_path};
 use crate::farm::slurm::Submitted;
 use crate::farm::{PLAN, Plan};
 use crate::job::{Inputs, RenderRequest, Session};
-use crate::render::checkpoint::Earlier;
+use crate::render::record::checkpoint::Earlier;
 use crate::scene::import::read_own;
 use crate::{Error, Result};
 

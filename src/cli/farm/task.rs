@@ -20,7 +20,7 @@ use crate::farm::array::array_task;
 use crate::farm::sessions::{HEARTBEAT, HELD, INTERRUPTED, Sessions, record_path};
 use crate::film::atomic;
 use crate::film::lock::claim;
-use crate::render::checkpoint::Earlier;
+use crate::render::record::checkpoint::Earlier;
 use crate::{Error, Result};
 
 /// Run one task of a plan; called by the scripts of `farm submit`.

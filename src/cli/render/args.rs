@@ -27,7 +27,7 @@ use crate::film::{Aov, Denoise, Exposure, preview};
 use crate::job::memory::parse_size;
 use crate::job::{LightUnit, RenderRequest};
 use crate::rays::Backend;
-use crate::render::lens::{Aperture, Focus, LensSettings};
+use crate::render::settings::lens::{Aperture, Focus, LensSettings};
 use crate::render::{
     BackFaces, Balance, Choice, Choices, GlassShadows, Ground, Integrator, LightGroups, PixelFilter, RenderSettings,
     Technique,

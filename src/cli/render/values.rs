@@ -7,7 +7,7 @@ use crate::cli::flag_values::FlagValue;
 use crate::farm::array::{ArrayTask, array_task};
 use crate::film::Aov;
 use crate::integrator::Reuse;
-use crate::render::techniques::Row;
+use crate::render::settings::techniques::Row;
 use crate::render::{Balance, Choice, Part, PerTechnique, Technique};
 use crate::scene::{Environment, MAX_RADIUS};
 

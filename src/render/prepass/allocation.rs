@@ -13,12 +13,6 @@ use glam::Vec3;
 use rayon::prelude::*;
 use tracing::debug;
 
-use super::super::RenderSettings;
-use super::super::decisions::TechniqueStats;
-use super::super::sampler::with_buffers;
-use super::super::scheduler::planned_to;
-use super::super::techniques::{Choice, MIN_AUTO_PATHS, Technique};
-use super::super::tile::{TILE, Tile};
 use super::effort::{
     self, ALLOCATION_PIXELS, ALLOCATION_PIXELS_PER_TILE, CAMERA_RAY_COST, FIRST_ALLOCATION_PIXELS_PER_TILE,
     MAX_REMAINING_ALLOCATED, MAX_REMAINING_ALLOCATED_BY_FEW, MAX_REMAINING_BY_EMISSION_RAYS,
@@ -30,6 +24,12 @@ use crate::color::luminance;
 use crate::film::compare::relative_to;
 use crate::integrator::clients::ScatteredSums;
 use crate::integrator::{EmissionRayCounts, PixelTask, Proposal, Transport, Wave, WaveCounts};
+use crate::render::pass::decisions::TechniqueStats;
+use crate::render::pass::sampler::with_buffers;
+use crate::render::pass::scheduler::planned_to;
+use crate::render::settings::RenderSettings;
+use crate::render::settings::techniques::{Choice, MIN_AUTO_PATHS, Technique};
+use crate::render::{pass::tile::Tile, settings::TILE};
 use crate::sampling::hash;
 
 /// Paths per pixel of the pre-pass in each of its two scrambles, in the first and the second step. The difference of two scrambles

@@ -3,11 +3,11 @@
 
 use rayon::prelude::*;
 
-use super::super::RenderSettings;
-use super::super::sampler::{PATHS_PER_WAVE, with_buffers};
 use crate::film::PixelStats;
 use crate::film::compare::relative_to;
 use crate::integrator::{PixelSums, PixelTask, Transport, Wave, WaveCounts};
+use crate::render::pass::sampler::{PATHS_PER_WAVE, with_buffers};
+use crate::render::settings::RenderSettings;
 use crate::sampling::hash;
 
 /// Paths of the picture over those of the comparison.

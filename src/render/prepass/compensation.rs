@@ -7,15 +7,15 @@ use std::time::Instant;
 
 use tracing::debug;
 
-use super::super::RenderSettings;
-use super::super::decisions::TechniqueStats;
-use super::super::techniques::{Choice, Technique};
 use super::effort;
 use super::low_resolution::low_resolution;
 use super::rounds::{Decided, Round, RoundPixel, Wanted, trace};
 use crate::film::compare::{relative_to, sums_without_outliers};
 use crate::integrator::{PreparedScene, Proposal, Transport};
 use crate::light::{Density, LightProposal};
+use crate::render::pass::decisions::TechniqueStats;
+use crate::render::settings::RenderSettings;
+use crate::render::settings::techniques::{Choice, Technique};
 use crate::sampling::hash;
 
 /// Paths per pixel of the pre-pass, for each density.

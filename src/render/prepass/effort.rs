@@ -2,8 +2,8 @@
 
 use std::time::Instant;
 
-use super::super::RenderSettings;
 use crate::integrator::WaveCounts;
+use crate::render::settings::RenderSettings;
 
 /// Pixels of the pre-pass for the density of the environment, of a picture of so many pixels.
 pub fn compensation_pixels(picture_pixels: f64) -> f64 {

@@ -6,15 +6,15 @@ use std::time::Instant;
 
 use tracing::debug;
 
-use super::super::RenderSettings;
-use super::super::decisions::TechniqueStats;
-use super::super::settings::GUIDING_MEMORY;
-use super::super::techniques::{Choice, Technique};
 use super::comparison::{self, Compared};
 use super::effort::{self, MAX_TIME_SHARE};
 use super::rounds::{self, Decided, Learner, Round, Wanted};
 use crate::guiding::{Field, PathStatistics, TrainingSample, VertexRecord, learn};
 use crate::integrator::{PreparedScene, Proposal, Transport};
+use crate::render::pass::decisions::TechniqueStats;
+use crate::render::settings::GUIDING_MEMORY;
+use crate::render::settings::RenderSettings;
+use crate::render::settings::techniques::{Choice, Technique};
 
 /// Maximum rounds.
 const MAX_ROUNDS: u32 = 9;

@@ -3,14 +3,14 @@
 
 use tracing::debug;
 
-use super::super::RenderSettings;
-use super::super::decisions::TechniqueStats;
-use super::super::techniques::{Choice, Technique};
 use super::effort;
 use super::rounds::{Decided, Learner, Round, Wanted};
 use crate::film::compare::sums_without_outliers;
 use crate::integrator::{PreparedScene, Proposal};
 use crate::light::{AreaLights, LearnedLights, LightProposal, LightSampleRecord};
+use crate::render::pass::decisions::TechniqueStats;
+use crate::render::settings::RenderSettings;
+use crate::render::settings::techniques::{Choice, Technique};
 
 /// Paths after which no further round is needed, per pixel of the pre-pass if it were alone: four rounds.
 const SUFFICIENT_PATHS_PER_PIXEL: f64 = 15.0;

@@ -5,12 +5,12 @@ use std::sync::{Mutex, PoisonError};
 
 use rayon::prelude::*;
 
-use super::super::RenderSettings;
-use super::super::camera::{camera_of_size, lens};
 use crate::color::luminance;
 use crate::film::PixelStats;
 use crate::film::compare::relative_to;
 use crate::integrator::{CameraRays, PixelTask, PreparedScene, Wave};
+use crate::render::settings::RenderSettings;
+use crate::render::settings::camera::{camera_of_size, lens};
 
 /// Side of a tile in pixels.
 const TILE: u32 = 32;

@@ -6,6 +6,7 @@
 pub mod allocation;
 mod comparison;
 pub mod compensation;
+pub mod default_light;
 mod effort;
 pub mod guiding;
 pub mod learned_lights;
@@ -16,10 +17,10 @@ mod visible_emission;
 
 use std::sync::atomic::AtomicBool;
 
-use super::RenderSettings;
-use super::decisions::Found;
-use super::transport::transport;
 use crate::integrator::{PreparedScene, Transport};
+use crate::render::pass::decisions::Found;
+use crate::render::settings::RenderSettings;
+use crate::render::settings::transport::transport;
 use crate::scene::Scene;
 use allocation::Allocation;
 use compensation::Compensation;

@@ -7,15 +7,16 @@ use std::time::Instant;
 use rayon::prelude::*;
 use tracing::{debug, warn};
 
-use super::super::RenderSettings;
-use super::super::decisions::TechniqueStats;
-use super::super::techniques::{Choice, Technique};
-use super::super::tile::{Columns, TILE, Tile};
 use super::comparison::{error, spread};
 use super::effort;
 use super::rounds::Decided;
 use crate::film::compare::relative_to;
 use crate::integrator::{Proposal, Reuse, Transport, reuse};
+use crate::render::pass::decisions::TechniqueStats;
+use crate::render::pass::tile::Tile;
+use crate::render::settings::RenderSettings;
+use crate::render::settings::techniques::{Choice, Technique};
+use crate::render::settings::{Columns, TILE};
 use crate::sampling::hash;
 
 /// Paths per pixel in each scramble.

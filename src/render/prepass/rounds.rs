@@ -4,10 +4,6 @@
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-use super::super::RenderSettings;
-use super::super::decisions::TechniqueStats;
-use super::super::sampler::PATHS_PER_WAVE;
-use super::super::techniques::Technique;
 use super::low_resolution::{divisors, in_tiles, low_resolution, tiles};
 use crate::color::luminance;
 use crate::film::PixelStats;
@@ -15,6 +11,10 @@ use crate::guiding::{TrainingSample, VertexRecord};
 use crate::integrator::clients::{LightSampleRecorder, TrainingRecorder};
 use crate::integrator::{PixelSums, PixelTask, PreparedScene, Proposal, Transport, Wave, WaveCounts};
 use crate::light::LightSampleRecord;
+use crate::render::pass::decisions::TechniqueStats;
+use crate::render::pass::sampler::PATHS_PER_WAVE;
+use crate::render::settings::RenderSettings;
+use crate::render::settings::techniques::Technique;
 use crate::sampling::hash;
 
 /// A technique that a pre-pass decides about.

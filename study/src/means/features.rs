@@ -6,7 +6,7 @@ use std::fmt;
 use std::sync::Arc;
 
 use bismar::rays::Backend;
-use bismar::render::lens::{Aperture, Focus, LensSettings};
+use bismar::render::settings::lens::{Aperture, Focus, LensSettings};
 use bismar::render::{BackFaces, PixelFilter, RenderSettings};
 use bismar::sampling::SplitMix64;
 use bismar::sampling::random::mix;

@@ -7,9 +7,9 @@ use std::fmt::{self, Display};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use serde_json::Value;
 
-use super::RenderSettings;
-use super::techniques::{Choice, PerTechnique, Technique};
 use crate::integrator::Reuse;
+use crate::render::settings::RenderSettings;
+use crate::render::settings::techniques::{Choice, PerTechnique, Technique};
 
 /// What the pre-pass of a technique has found; `None` for what it does not have.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
@@ -23,7 +23,7 @@ pub struct TechniqueStats {
     /// Bytes of what it has learned.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bytes: Option<usize>,
-    /// Estimated fraction that remains, of [`Row::fraction_of`](super::techniques::Row::fraction_of); of guiding, of variance times rays.
+    /// Estimated fraction that remains, of [`Row::fraction_of`](crate::render::settings::techniques::Row::fraction_of); of guiding, of variance times rays.
     #[serde(rename = "left", skip_serializing_if = "Option::is_none")]
     pub remaining: Option<f64>,
     /// Variance of guided paths over that of unguided ones.

@@ -3,15 +3,15 @@
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::goals::Goal;
 use super::pixels::TilePixels;
-use super::settings::{RenderSettings, StudyOptions};
 use super::stats::{RenderStats, StopReason};
 use super::tile::Tile;
 use crate::film::compare::relative_to;
 use crate::film::{Background, Film};
 use crate::integrator::clients::MeanVariance;
 use crate::integrator::clients::mean_variance::mean_variance;
+use crate::render::pass::goal::Goal;
+use crate::render::settings::{RenderSettings, StudyOptions};
 
 /// A finished or stopped render.
 #[derive(Debug)]
@@ -81,7 +81,7 @@ pub fn tile_positions(settings: &RenderSettings) -> Vec<[u32; 2]> {
 }
 
 /// The tiles that a render with these study options begins with.
-pub(super) fn study_tiles(settings: &RenderSettings, study: &StudyOptions) -> Vec<Tile> {
+pub(in crate::render) fn study_tiles(settings: &RenderSettings, study: &StudyOptions) -> Vec<Tile> {
     let positions = study.tiles.as_ref().map_or_else(|| tile_positions(settings), |tiles| tiles.to_vec());
     let fresh = |position| Tile::new(position, settings.width, settings.height, settings.columns());
     // By all threads: what pre-passes have freed lies in their arenas, and is not given back to the system.
@@ -89,7 +89,7 @@ pub(super) fn study_tiles(settings: &RenderSettings, study: &StudyOptions) -> Ve
 }
 
 /// Minimum and maximum paths of these tiles.
-pub(super) fn paths_range<'a>(tiles: impl IntoIterator<Item = &'a Tile>) -> (u32, u32) {
+pub(in crate::render) fn paths_range<'a>(tiles: impl IntoIterator<Item = &'a Tile>) -> (u32, u32) {
     let range = |(low, high): (u32, u32), n: u32| (low.min(n), high.max(n));
     tiles.into_iter().map(Tile::paths).map(|n| (n, n)).reduce(|all, (n, _)| range(all, n)).unwrap_or_default()
 }

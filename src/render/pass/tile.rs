@@ -1,18 +1,17 @@
 //! A tile of pixels and its statistics. [`sampler`](super::sampler) traces its passes.
 
+use crate::render::settings::{Columns, TILE};
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-use super::adaptive::{NoiseGoal, TileStats};
+use super::adaptive::TileStats;
 use crate::balance::{Moments, Shares};
 use crate::film::stats::accumulate;
 use crate::film::{AovSums, ExtraSums, GroundSums, Peak, PixelStats};
 use crate::integrator::WaveCounts;
 use crate::integrator::clients::BlockSums;
 use crate::integrator::clients::mean_variance::TileVariance;
-
-/// Side of a tile in pixels. Tiles lie on the whole picture's grid.
-pub const TILE: u32 = 16;
+use crate::render::settings::noise::NoiseGoal;
 
 /// All pixels of a tile that are inside the picture, even where a crop window shows fewer. Tiles are always traced whole, as
 /// packets of rays are filled tile by tile: at the edge of a triangle the same ray can hit in one packet and miss in
@@ -21,7 +20,7 @@ pub const TILE: u32 = 16;
 /// All that later passes depend on is serialised, so that a resumed render has the bits of an uninterrupted one.
 #[derive(Debug, Serialize, Deserialize)]
 pub struct Tile {
-    pub(super) pixels: Vec<TilePixel>,
+    pub(in crate::render) pixels: Vec<TilePixel>,
     /// Radiance statistics, one per pixel, in the order of the pixels.
     pub stats: Vec<PixelStats>,
     /// Shares of the samples of the next pass, one per pixel.
@@ -37,28 +36,13 @@ pub struct Tile {
     /// Sums of the ground that catches shadows, one per pixel; empty without one.
     pub ground: Vec<GroundSums>,
     /// What the variance of the picture's mean follows from.
-    pub(super) blocks: BlockSums,
+    pub(in crate::render) blocks: BlockSums,
     /// By pixel and then by layer, light of the layers that are asked for; empty without them.
     pub layers: Vec<[f32; 3]>,
 }
 
-/// Which columns tiles have besides the statistics.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Columns {
-    /// [`Tile::moments`].
-    pub moments: bool,
-    /// [`Tile::aovs`].
-    pub aovs: bool,
-    /// [`Tile::extras`].
-    pub extras: bool,
-    /// [`Tile::ground`].
-    pub ground: bool,
-    /// Number of light layers.
-    pub layers: usize,
-}
-
 #[derive(Debug, Serialize, Deserialize)]
-pub(super) struct TilePixel {
+pub(in crate::render) struct TilePixel {
     pub x: u32,
     pub y: u32,
     /// Light samples, light samples of the environment and BSDF samples that were taken at first surfaces.
@@ -111,7 +95,7 @@ impl Tile {
     }
 
     /// Pixels a row.
-    pub(super) fn width(&self) -> usize {
+    pub(in crate::render) fn width(&self) -> usize {
         self.pixels.iter().take_while(|p| p.y == self.pixels[0].y).count()
     }
 
@@ -166,7 +150,7 @@ impl Tile {
     }
 
     /// What the variance of the picture's mean follows from.
-    pub(super) fn variance(&self) -> TileVariance<'_> {
+    pub(in crate::render) fn variance(&self) -> TileVariance<'_> {
         TileVariance {
             sums: &self.blocks,
             pixels: self.pixels(),
@@ -176,7 +160,7 @@ impl Tile {
     }
 
     /// Its pixels' statistics.
-    pub(super) fn tile_stats(&self) -> TileStats<'_> {
+    pub(in crate::render) fn tile_stats(&self) -> TileStats<'_> {
         TileStats { stats: &self.stats, width: self.width() }
     }
 
@@ -186,7 +170,7 @@ impl Tile {
     }
 
     /// Paths of all its pixels.
-    pub(super) fn all_paths(&self) -> u64 {
+    pub(in crate::render) fn all_paths(&self) -> u64 {
         self.stats.iter().map(|s| u64::from(s.samples)).sum()
     }
 

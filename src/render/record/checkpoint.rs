@@ -7,20 +7,21 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::build_info::BuildInfo;
-use super::goals::{self, Goal};
+use super::goals;
 use super::identity::{Identity, RequestedOutputs};
-use super::part::Part;
-use super::rendered::{Rendered, Samples, paths_range, tile_positions};
-use super::scheduler;
-use super::settings::{RenderSettings, variant_name};
-use super::stats::{RenderStats, StopReason};
-use super::techniques::{Choice, Technique};
-use super::tile::{TILE, Tile};
 use crate::color::ColorSpace;
 use crate::film::exr_file::{self, Checksum, Header, HeaderValue, Layers, MEAN_VARIANCE, RELATED};
 use crate::film::{Aov, Background};
 use crate::integrator::clients::MeanVariance;
 use crate::rays::BackendInfo;
+use crate::render::pass::goal::Goal;
+use crate::render::pass::rendered::{Rendered, Samples, paths_range, tile_positions};
+use crate::render::pass::scheduler;
+use crate::render::pass::stats::{RenderStats, StopReason};
+use crate::render::settings::part::Part;
+use crate::render::settings::techniques::{Choice, Technique};
+use crate::render::settings::{RenderSettings, variant_name};
+use crate::render::{pass::tile::Tile, settings::TILE};
 use crate::{Error, Result};
 
 /// A render that can be resumed.

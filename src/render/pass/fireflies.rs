@@ -3,7 +3,7 @@
 use glam::Vec3;
 use serde::Serialize;
 
-use super::Rendered;
+use super::rendered::Rendered;
 use crate::color::luminance;
 
 /// Maximum number of fireflies that are listed.

@@ -3,8 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use super::decisions::Found;
-use super::techniques::Technique;
 use super::tile::TileWork;
+use crate::render::settings::techniques::Technique;
 
 /// Why a render ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -83,7 +83,7 @@ impl RenderStats {
         self.techniques = self.techniques.or(&other.techniques);
     }
 
-    pub(super) fn add(&mut self, work: &TileWork) {
+    pub(in crate::render) fn add(&mut self, work: &TileWork) {
         self.paths += work.paths;
         self.camera_rays += work.counts.camera_rays + work.counts.emission_rays;
         self.first_bounce_rays += work.counts.first_bounce_rays;
@@ -97,7 +97,7 @@ impl RenderStats {
 }
 
 impl TileWork {
-    pub(super) fn plus(self, other: Self) -> Self {
+    pub(in crate::render) fn plus(self, other: Self) -> Self {
         Self {
             counts: self.counts.plus(&other.counts),
             seconds: self.seconds + other.seconds,
@@ -106,7 +106,7 @@ impl TileWork {
     }
 
     /// Rays of all kinds.
-    pub(super) fn rays(&self) -> u64 {
+    pub(in crate::render) fn rays(&self) -> u64 {
         self.counts.rays()
     }
 }

@@ -38,7 +38,7 @@ pub enum Focus {
 }
 
 /// Is this a size in metres or an f-number that is positive and finite as a 32-bit float too?
-pub(super) fn is_optical(x: f64) -> bool {
+pub(in crate::render) fn is_optical(x: f64) -> bool {
     (1e-9..1e9).contains(&x)
 }
 

@@ -1,9 +1,9 @@
 //! Checks of settings before a render begins.
 
+use super::MAX_SIDE;
 use super::lens::{Aperture, Focus, LensSettings, is_optical};
-use super::settings::MAX_SIDE;
-use super::tile::TILE;
 use super::{RenderSettings, StudyOptions};
+use crate::render::settings::TILE;
 use crate::scene::Scene;
 use crate::{Error, Result};
 
@@ -77,7 +77,7 @@ impl StudyOptions {
     ///
     /// # Errors
     /// [`Error::Usage`] for tiles outside of the picture.
-    pub(super) fn validate(&self, settings: &RenderSettings) -> Result<()> {
+    pub(in crate::render) fn validate(&self, settings: &RenderSettings) -> Result<()> {
         let [columns, rows] = [settings.width, settings.height].map(|n| n.div_ceil(TILE));
         let mut tiles = self.tiles.iter().flat_map(|tiles| tiles.iter());
         check(tiles.all(|[x, y]| *x < columns && *y < rows), || "a tile is outside of the picture".into())

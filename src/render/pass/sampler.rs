@@ -5,8 +5,7 @@ use std::time::Instant;
 
 use glam::Vec3;
 
-use super::RenderSettings;
-use super::adaptive::{NoiseGoal, group_of};
+use super::adaptive::group_of;
 use super::tile::{Tile, TilePixel, TileWork};
 use crate::balance::sampler::LightInfo;
 use crate::balance::{Contribution, Cost, Counts, LearnedPixels, Observer, PixelFeatures, Sampler, Technique};
@@ -15,6 +14,8 @@ use crate::integrator::clients::{
     AovColumns, Aovs, ContributionColumns, Contributions, Ground, GroundColumns, MeanVarianceColumns, MeanVarianceSums,
 };
 use crate::integrator::{PixelSums, PixelTask, Transport, Wave, WaveCounts, guides};
+use crate::render::settings::RenderSettings;
+use crate::render::settings::noise::NoiseGoal;
 
 /// Maximum paths of a wave. Their buffers fit into the second-level cache.
 pub const PATHS_PER_WAVE: u32 = 2048;
@@ -352,7 +353,7 @@ fn reweight(tile: &mut Tile, pilot: &Pilot, total: &[Counts]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::tile::Columns;
+    use crate::render::settings::Columns;
 
     #[test]
     fn a_pilot_weighed_again_has_the_sums_of_paths_that_were_weighed_so_at_once() {

@@ -6,11 +6,14 @@ use std::path::{Path, PathBuf};
 use tracing::warn;
 
 use super::checkpoint::{self, Earlier, Record, Saved, fits};
-use super::part::sort_in_rows;
-use super::tile::Tile;
-use super::{Part, RenderSettings, RenderStats, Rendered, StopReason, noise};
 use crate::film::cryptomatte::PREFIX;
 use crate::film::exr_file::{self, CALIBRATION, Header, HeaderValue};
+use crate::render::pass::rendered::{Rendered, noise};
+use crate::render::pass::stats::{RenderStats, StopReason};
+use crate::render::pass::tile::Tile;
+use crate::render::settings::RenderSettings;
+use crate::render::settings::part::Part;
+use crate::render::settings::part::sort_in_rows;
 use crate::{Error, Result};
 
 /// The result of merging parts or seeds.

@@ -1,8 +1,9 @@
 //! The transport of a render: what its paths do, and the seeds of its passes.
 
 use super::camera::{camera, lens};
-use super::{BackFaces, GlassShadows, Integrator, RenderSettings, scheduler};
+use super::{BackFaces, GlassShadows, Integrator, RenderSettings};
 use crate::integrator::{PreparedScene, Proposal, Transport};
+use crate::render::pass::scheduler;
 use crate::sampling::{FilterSampler, hash};
 
 /// The transport of a render with these settings, without what pre-passes learn and without layers of lights by name. A lens that

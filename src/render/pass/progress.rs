@@ -5,8 +5,9 @@ use std::time::Instant;
 
 use serde::{Deserialize, Deserializer, Serialize};
 
+use super::scheduler;
 use super::tile::TileWork;
-use super::{RenderSettings, scheduler};
+use crate::render::settings::RenderSettings;
 
 /// Progress of a render; passed to the progress callback after every tile, from any thread.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
@@ -32,7 +33,7 @@ fn or_infinite<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
 }
 
 /// What the tiles of a pass share. Seconds count from `start`.
-pub(super) struct PassProgress<'a> {
+pub(in crate::render) struct PassProgress<'a> {
     pub settings: &'a RenderSettings,
     pub start: Instant,
     /// Seconds that the time limit counts in addition to those since `start`.

@@ -4,9 +4,9 @@ use std::collections::BTreeSet;
 
 use serde::{Deserialize, Serialize};
 
-use super::settings::{RenderSettings, Values, variant_name};
 use crate::color::ColorSpace;
 use crate::rays::Backend;
+use crate::render::settings::{RenderSettings, Values, variant_name};
 
 /// What a picture was made of. Stored in its header.
 #[derive(Debug, Clone, Serialize, Deserialize)]

@@ -14,14 +14,14 @@ use std::sync::atomic::AtomicBool;
 
 use serde::Serialize;
 
-use super::prepass::low_resolution::{in_tiles, low_resolution};
-use super::transport::transport;
-use super::{GlassShadows, RenderSettings};
+use super::low_resolution::{in_tiles, low_resolution};
 use crate::color::luminance;
 use crate::integrator::data::queues::{PathRays, ShadowRays};
 use crate::integrator::events::{FoundEmission, UnoccludedLight};
 use crate::integrator::{PathEvents, PixelTask, PreparedScene, Transport, Wave, WaveContext};
 use crate::rays::{HitBatch, MISS};
+use crate::render::settings::transport::transport;
+use crate::render::settings::{GlassShadows, RenderSettings};
 use crate::scene::{Environment, Scene, TextureSlot};
 
 /// Pixels of the first pass: 32 x 18 for the usual aspect ratio.

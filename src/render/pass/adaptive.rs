@@ -12,9 +12,8 @@
 
 use crate::film::PixelStats;
 use crate::film::compare::{REL_MSE_EPSILON, relative_to};
+use crate::render::settings::noise::NoiseGoal;
 
-/// Default paths per pixel before the noise is estimated. Fewer paths give a poor estimate.
-pub const NOISE_PATHS: u32 = 32;
 /// Groups of pixels.
 const GROUPS: usize = 8;
 /// Maximum paths of a pass, over those already taken.
@@ -29,17 +28,6 @@ const RARE_RADIANCE: f64 = 1000.0;
 const RULE_OF_THREE: f64 = 3.0;
 /// Paths are taken in blocks of the low-discrepancy sequence.
 const PATHS_PER_BLOCK: f64 = 4.0;
-
-/// When the pixels of a tile are finished.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct NoiseGoal {
-    /// Relative error, > 0.
-    pub error: f64,
-    /// Paths per pixel before the noise is estimated, ≥ 2.
-    pub min_paths: u32,
-    /// Maximum paths per pixel.
-    pub max_paths: u32,
-}
 
 /// The group of a pixel of a tile, `width` a row.
 pub fn group_of(i: usize, width: usize) -> usize {

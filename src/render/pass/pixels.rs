@@ -2,10 +2,11 @@
 
 use std::borrow::Cow;
 
-use super::RenderSettings;
-use super::light_groups::LightGroups;
-use super::tile::{TILE, Tile};
+use super::tile::Tile;
 use crate::film::{AovSums, Background, ExtraSums, PixelStats, Pixels};
+use crate::render::settings::RenderSettings;
+use crate::render::settings::TILE;
+use crate::render::settings::light_groups::LightGroups;
 
 /// The window's pixels, read from tiles. Pixels without a tile have no samples.
 pub struct TilePixels<'a> {

@@ -1,5 +1,5 @@
 use super::*;
-use crate::render::tile::Columns;
+use crate::render::settings::Columns;
 use crate::render::{Balance, Ground};
 
 const BOTH: Columns = Columns { moments: true, aovs: true, extras: true, ground: true, layers: 2 };

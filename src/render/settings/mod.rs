@@ -1,16 +1,25 @@
 //! The settings of a render.
 
+pub mod camera;
+pub mod clipped;
+pub mod lens;
+pub mod light_groups;
+pub mod noise;
+pub mod part;
+pub mod techniques;
+pub mod transport;
+pub mod validate;
+
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use super::Part;
-use super::adaptive::{NOISE_PATHS, NoiseGoal};
-use super::lens::LensSettings;
-use super::light_groups::LightGroups;
-use super::techniques::{Choice, Choices, Technique};
-use super::tile::Columns;
+use self::lens::LensSettings;
+use self::light_groups::LightGroups;
+use self::noise::{NOISE_PATHS, NoiseGoal};
+use self::part::Part;
+use self::techniques::{Choice, Choices, Technique};
 use crate::balance::DEFAULT_PILOT_FRACTION;
 pub use crate::balance::{Balance, CustomMethod};
 use crate::integrator::Reuse;
@@ -20,10 +29,13 @@ pub use crate::sampling::PixelFilter;
 pub type Values = BTreeMap<String, String>;
 
 /// The serialised name of a variant: that of files and of the command line.
-pub(super) fn variant_name(variant: &impl Serialize) -> String {
+pub(in crate::render) fn variant_name(variant: &impl Serialize) -> String {
     let name = serde_json::to_value(variant).ok();
     name.and_then(|n| n.as_str().map(str::to_owned)).unwrap_or_default()
 }
+
+/// Side of a tile in pixels. Tiles lie on the whole picture's grid.
+pub const TILE: u32 = 16;
 
 /// Default maximum bytes of a guiding field and its training samples.
 pub const GUIDING_MEMORY: u64 = 256 << 20;
@@ -189,6 +201,21 @@ fn is_default<T: Default + PartialEq>(value: &T) -> bool {
     *value == T::default()
 }
 
+/// Which columns tiles have besides the statistics.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Columns {
+    /// [`Tile::moments`].
+    pub moments: bool,
+    /// [`Tile::aovs`].
+    pub aovs: bool,
+    /// [`Tile::extras`].
+    pub extras: bool,
+    /// [`Tile::ground`].
+    pub ground: bool,
+    /// Number of light layers.
+    pub layers: usize,
+}
+
 impl RenderSettings {
     /// The defaults, but all pixels get the same number of paths, and none is guided.
     pub fn even() -> Self {
@@ -338,7 +365,7 @@ impl RenderSettings {
     }
 
     /// Pixels of the whole picture.
-    pub(super) fn pixels(&self) -> f64 {
+    pub(in crate::render) fn pixels(&self) -> f64 {
         f64::from(self.width) * f64::from(self.height)
     }
 

@@ -1,8 +1,9 @@
 //! Decides which pass is next and when to stop. Pure functions of settings and progress.
 
 use super::adaptive::GROWTH;
-use super::{RenderSettings, StopReason};
+use super::stats::StopReason;
 use crate::balance::method::{EARLY_PATHS, pass_within_goal};
+use crate::render::settings::RenderSettings;
 
 /// Progress of a render.
 #[derive(Debug, Clone, Copy, Default)]
