@@ -33,7 +33,7 @@ SKY = SHARED / "env/studio_small_03_1k"
 
 # Fields that depend on the machine, the time or the build.
 UNSTEADY = re.compile(
-    r"version|commit|command|picture|.*seconds.*|.*memory.*|threads|.*_per_second|isa|file|ray_query_share|(equal_)?time_ratio.*|"
+    r"bismar\.mark|version|commit|command|picture|.*seconds.*|.*memory.*|threads|.*_per_second|isa|file|ray_query_share|(equal_)?time_ratio.*|"
     r"inverse_efficiency")
 
 BALANCES = ["progressive", "second-order", "kl", "efficiency-aware", "half", "power", "max"]

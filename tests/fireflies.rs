@@ -88,7 +88,7 @@ fn told(replayed: &Replayed) -> Vec3 {
 
 #[test]
 fn replayed_paths_are_those_of_the_picture_and_their_events_add_up_to_them() {
-    use Technique::{Adaptive, Guiding, PathReuse, VisibleEmission};
+    use Technique::{Adaptive, Guiding, PathReuse};
     let (hall, glass) = (Stage::new(hall(), Backend::Obvhs), Stage::new(glass_hall(), Backend::Embree));
     let even = RenderSettings { width: 20, height: 18, balance: Balance::Half, ..settings() };
     let sizes = Some("16:8".parse().unwrap());
@@ -98,7 +98,6 @@ fn replayed_paths_are_those_of_the_picture_and_their_events_add_up_to_them() {
     for (stage, settings) in [
         (&hall, RenderSettings { noise: Some(0.04), spp: None, ..even.clone() }),
         (&hall, RenderSettings { spp: Some(40), ..even.clone().with(Adaptive, Choice::On) }),
-        (&hall, even.clone().with(VisibleEmission, Choice::On)),
         (&hall, RenderSettings { clamp_direct: Some(0.1), clamp_indirect: Some(0.05), ..even.clone() }),
         (&hall, sharing(even.clone())),
         (&hall, sharing(guided.clone())),
