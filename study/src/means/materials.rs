@@ -122,13 +122,8 @@ pub fn textured<const N: usize>(
     };
     let texels = Texels::Rgba8((0..SIDE * SIDE).map(texel).collect());
     let (image, texture) = (scene.images.len() as u32, scene.textures.len() as u32);
-    scene.images.push(Arc::new(Image {
-        name: "texels".into(),
-        width: SIDE,
-        height: SIDE,
-        texels,
-        hash: String::new(),
-    }));
+    let image_of = Image { name: "texels".into(), width: SIDE, height: SIDE, texels, ..Default::default() };
+    scene.images.push(Arc::new(image_of));
     scene.textures.push(Texture { image, wrap_s: Wrap::Repeat, wrap_t: Wrap::Repeat, filter: Filter::Nearest });
     material.textures[slot] = Some(TextureRef { texture, set: 0, transform: None, encoding: slot.encoding() });
     material

@@ -43,8 +43,8 @@ pub fn chosen(document: &Document, pose: &Pose) -> Result<Range<usize>> {
     })
 }
 
-/// An element of one of the arrays [`ANIMATED`]: the array's index, and the element's.
-pub type Element = (usize, usize);
+/// An element of one of the arrays [`ANIMATED`], by its index.
+pub type Element = (&'static str, usize);
 
 /// The channels that a pose plays.
 pub struct Animation<'a> {
@@ -133,24 +133,23 @@ impl<'a> Animation<'a> {
                 notes.approximated(at, format!("{pointer} is not played"));
             }
         }
-        elements
-            .iter()
-            .try_for_each(|((array, index), json)| document.replace(self.json, (*array, *index), json, notes))
+        // Meshes refer to materials, and nodes to meshes: in the order of their names.
+        elements.iter().try_for_each(|(element, json)| document.replace(self.json, *element, json, notes))
     }
 }
 
 fn rest(json: &Value, (array, index): Element) -> Option<&Value> {
-    ANIMATED[array].split('.').fold(json, |value, key| &value[key]).get(index)
+    array.split('.').fold(json, |value, key| &value[key]).get(index)
 }
 
 /// The element that a JSON pointer leads into, and the rest of the pointer.
 fn element_of<'a>(json: &Value, pointer: &'a str) -> Option<(Element, &'a str)> {
-    let inside = |array: usize| {
-        let rest = pointer.strip_prefix('/')?.strip_prefix(&ANIMATED[array].replace('.', "/"))?;
+    let inside = |array: &'static str| {
+        let rest = pointer.strip_prefix('/')?.strip_prefix(&array.replace('.', "/"))?;
         let (index, inside) = rest.strip_prefix('/')?.split_once('/')?;
         Some(((array, index.parse().ok()?), inside))
     };
-    (0..ANIMATED.len()).find_map(inside).filter(|(element, _)| rest(json, *element).is_some())
+    ANIMATED.into_iter().find_map(inside).filter(|(element, _)| rest(json, *element).is_some())
 }
 
 /// The keys of a channel.

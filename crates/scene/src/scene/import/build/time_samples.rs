@@ -1,16 +1,16 @@
 //! What moves, over time: world transforms, lights and morph weights of the nodes that an animation changes.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use glam::DAffine3;
 use serde_json::Value;
 
 use super::lights;
-use super::pose::Animation;
+use super::pose::{Animation, Element};
 use crate::error::Result;
 use crate::scene::LightKey;
 use crate::scene::import::document::nodes::top_nodes;
-use crate::scene::import::document::{ANIMATED, Document};
+use crate::scene::import::document::{Document, LIGHTS};
 use crate::scene::import::options::{Pose, Shutter};
 use crate::scene::import::report::Notes;
 use crate::scene::motion::MAX_STEPS;
@@ -83,25 +83,16 @@ pub fn play(
 /// The nodes that change, each after its parent, which comes with it.
 fn changing(document: &Document, animation: &Animation) -> Vec<(usize, Option<usize>)> {
     let nodes = &document.nodes;
-    let mut elements: [Vec<bool>; ANIMATED.len()] = Default::default();
-    for (array, index) in animation.elements() {
-        let elements = &mut elements[array];
-        elements.resize(elements.len().max(index + 1), false);
-        elements[index] = true;
-    }
-    let is_in = |name: &str, index: usize| {
-        let array = ANIMATED.iter().position(|array| *array == name).unwrap_or(0);
-        elements[array].get(index) == Some(&true)
-    };
+    let elements: HashSet<Element> = animation.elements().collect();
     let content = |node: usize| {
         let Ok(content) = nodes[node].content() else { return false };
-        content.mesh.is_some_and(|mesh| is_in("meshes", mesh))
-            || content.light.is_some_and(|light| is_in("extensions.KHR_lights_punctual.lights", light))
+        content.mesh.is_some_and(|mesh| elements.contains(&("meshes", mesh)))
+            || content.light.is_some_and(|light| elements.contains(&(LIGHTS, light)))
     };
     let mut found = Vec::new();
     let mut stack: Vec<_> = top_nodes(nodes).into_iter().map(|node| (node, None, false)).collect();
     while let Some((node, parent, above)) = stack.pop() {
-        let moves = above || is_in("nodes", node);
+        let moves = above || elements.contains(&("nodes", node));
         found.extend((moves || content(node)).then_some((node, parent)));
         stack.extend(nodes[node].children.iter().map(|&child| (child, Some(node), moves)));
     }

@@ -81,8 +81,10 @@ pub struct Document {
     pub extensions: BTreeMap<String, String>,
 }
 
-/// Paths of the arrays whose elements animations change. Elements of one refer to those of the ones before it.
-pub const ANIMATED: [&str; 5] = ["materials", "meshes", "cameras", "extensions.KHR_lights_punctual.lights", "nodes"];
+/// Path of the array of punctual lights.
+pub const LIGHTS: &str = "extensions.KHR_lights_punctual.lights";
+/// Paths of the arrays whose elements animations change.
+pub const ANIMATED: [&str; 5] = ["materials", "meshes", "cameras", LIGHTS, "nodes"];
 
 /// What glTF 2.1 adds to a document that pictures may need.
 const BEYOND: [(&str, &str); 3] =
@@ -123,7 +125,7 @@ impl Document {
         let meshes = Table::parse(&root, "meshes", |_, json| Mesh::parse(json, references))?;
         let skins = Table::parse(&root, "skins", |_, json| Skin::parse(json, &accessors, &views))?;
         let cameras = Table::parse(&root, "cameras", |_, json| cameras::parse(json))?;
-        let lights = Table::parse(&root, "extensions.KHR_lights_punctual.lights", |_, json| lights::parse(json))?;
+        let lights = Table::parse(&root, LIGHTS, |_, json| lights::parse(json))?;
         let node = |json| Node::parse(json, &meshes, &accessors);
         let nodes = root.items("nodes")?.iter().map(node).collect::<Result<Vec<_>>>()?;
         check_forest(&nodes)?;
@@ -174,13 +176,13 @@ impl Document {
     pub fn replace(
         &mut self,
         root: &Value,
-        (array, index): (usize, usize),
+        (array, index): (&str, usize),
         element: &Value,
         notes: &mut Notes,
     ) -> Result<()> {
         let kept = RefCell::new(Notes::default());
-        let json = &Json::root(root, &kept).inside(element, format!("{}[{index}]", ANIMATED[array]));
-        match ANIMATED[array] {
+        let json = &Json::root(root, &kept).inside(element, format!("{array}[{index}]"));
+        match array {
             "materials" => self.materials.set(index, Material::parse(json)),
             "meshes" => {
                 let Self { accessors, views, materials, quantized, variant, .. } = &*self;

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use glam::{DAffine3, DMat4, DQuat, DVec3};
 
+use super::LIGHTS;
 use super::accessors::{Accessor, Component, Shape};
 use super::json::{Json, extra};
 use super::lights::Size;
@@ -87,7 +88,7 @@ impl Content {
             return Err(json.bad("skin", format!("JOINTS_0 and WEIGHTS_0 in {}", primitive.at), "none"));
         }
         let weights = read_weights(json, shape.map_or(0, |shape| shape.weights.len()))?;
-        let index = |json: Json| json.need("light", json.index("light", "extensions.KHR_lights_punctual.lights")?);
+        let index = |json: Json| json.need("light", json.index("light", LIGHTS)?);
         let light = json.extension("KHR_lights_punctual")?.map(index).transpose()?;
         let instancing = json.extension("EXT_mesh_gpu_instancing")?;
         let instancing = instancing.map(|json| Instancing::parse(&json, accessors)).transpose()?;
