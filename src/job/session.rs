@@ -19,8 +19,8 @@ use super::warnings;
 use crate::console::tev::Tev;
 use crate::film::{exr_file, preview};
 use crate::render::record::checkpoint::Earlier;
-use crate::render::settings::TILE;
 use crate::render::settings::camera::lens;
+use crate::render::settings::part::TILE;
 use crate::render::{Identity, Pause, Progress, RenderSettings, Rendered, RunOptions, Saved, StopReason, run};
 use crate::{Error, Result};
 

@@ -4,17 +4,18 @@ use std::sync::atomic::AtomicBool;
 
 use glam::Vec3;
 
-use super::pass::scheduler;
+use super::pass::scheduler::{self, pass_seed};
 use super::pass::tile::Tile;
 use super::prepass::Prepasses;
 use super::settings::RenderSettings;
 use super::settings::camera::lens;
-use super::settings::transport::{pass_seed, transport};
+use super::settings::transport::transport;
 use crate::color::luminance;
 use crate::integrator::clients::PathLog;
 use crate::integrator::clients::path_log::Event;
 use crate::integrator::{Loan, PixelTask, PreparedScene, Wave};
-use crate::render::settings::{Columns, TILE};
+use crate::render::settings::Columns;
+use crate::render::settings::part::TILE;
 use crate::{Error, Result};
 
 /// One path of a pixel.

@@ -5,8 +5,8 @@ use std::borrow::Cow;
 use super::tile::Tile;
 use crate::film::{AovSums, Background, ExtraSums, PixelStats, Pixels};
 use crate::render::settings::RenderSettings;
-use crate::render::settings::TILE;
 use crate::render::settings::light_groups::LightGroups;
+use crate::render::settings::part::TILE;
 
 /// The window's pixels, read from tiles. Pixels without a tile have no samples.
 pub struct TilePixels<'a> {

@@ -11,6 +11,7 @@ use crate::film::{Background, Film};
 use crate::integrator::clients::MeanVariance;
 use crate::integrator::clients::mean_variance::mean_variance;
 use crate::render::pass::goal::Goal;
+use crate::render::settings::part::grid_positions;
 use crate::render::settings::{RenderSettings, StudyOptions};
 
 /// A finished or stopped render.
@@ -73,7 +74,7 @@ pub fn fresh_tiles(settings: &RenderSettings) -> Vec<Tile> {
 
 /// Grid positions (column, row) of the tiles that a render with these settings has, row by row.
 pub fn tile_positions(settings: &RenderSettings) -> Vec<[u32; 2]> {
-    let all = Tile::grid_positions(settings.window()).collect();
+    let all = grid_positions(settings.window()).collect();
     match settings.part {
         Some(part) => part.select(all),
         None => all,

@@ -4,6 +4,7 @@ use super::adaptive::GROWTH;
 use super::stats::StopReason;
 use crate::balance::method::{EARLY_PATHS, pass_within_goal};
 use crate::render::settings::RenderSettings;
+use crate::sampling::hash;
 
 /// Progress of a render.
 #[derive(Debug, Clone, Copy, Default)]
@@ -57,6 +58,18 @@ pub fn planned_to(settings: &RenderSettings, goal: Option<u32>, done: u32) -> Op
 pub fn is_early(settings: &RenderSettings, done: u32) -> bool {
     let method = settings.balance.method();
     settings.time.is_some() && done < EARLY_PATHS && !method.needs_goal() && !method.sums_moments()
+}
+
+/// The seed of a pass that begins after `done` paths.
+pub fn pass_seed(settings: &RenderSettings, done: u32) -> u32 {
+    let scrambles = settings.balance.method().scrambles_passes();
+    settings.seed
+        ^ match () {
+            // Nothing is learned from these points, and the second-order pilot has none of them.
+            () if is_early(settings, done) => hash(u32::MAX),
+            () if scrambles => hash(done),
+            () => 0,
+        }
 }
 
 /// The next pass, or why there is none.

@@ -1,6 +1,7 @@
 //! A tile of pixels and its statistics. [`sampler`](super::sampler) traces its passes.
 
-use crate::render::settings::{Columns, TILE};
+use crate::render::settings::Columns;
+use crate::render::settings::part::TILE;
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
@@ -63,13 +64,6 @@ pub struct TileWork {
 }
 
 impl Tile {
-    /// Grid positions (column, row) of the tiles that a window (x0, y0, x1, y1 in pixels; the last two exclusive) touches,
-    /// row by row.
-    pub fn grid_positions([x0, y0, x1, y1]: [u32; 4]) -> impl Iterator<Item = [u32; 2]> {
-        (y0 / TILE..y1.div_ceil(TILE))
-            .flat_map(move |row| (x0 / TILE..x1.div_ceil(TILE)).map(move |column| [column, row]))
-    }
-
     /// The tile at a grid position of a picture of `width` by `height` pixels, without samples.
     pub fn new([column, row]: [u32; 2], width: u32, height: u32, columns: Columns) -> Self {
         // Growing vectors would waste a tenth of the pixels' memory.

@@ -29,7 +29,7 @@ use crate::render::pass::sampler::with_buffers;
 use crate::render::pass::scheduler::planned_to;
 use crate::render::settings::RenderSettings;
 use crate::render::settings::techniques::{Choice, MIN_AUTO_PATHS, Technique};
-use crate::render::{pass::tile::Tile, settings::TILE};
+use crate::render::{pass::tile::Tile, settings::part::TILE};
 use crate::sampling::hash;
 
 /// Paths per pixel of the pre-pass in each of its two scrambles, in the first and the second step. The difference of two scrambles

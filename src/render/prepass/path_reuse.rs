@@ -14,9 +14,10 @@ use crate::film::compare::relative_to;
 use crate::integrator::{Proposal, Reuse, Transport, reuse};
 use crate::render::pass::decisions::TechniqueStats;
 use crate::render::pass::tile::Tile;
+use crate::render::settings::Columns;
 use crate::render::settings::RenderSettings;
+use crate::render::settings::part::TILE;
 use crate::render::settings::techniques::{Choice, Technique};
-use crate::render::settings::{Columns, TILE};
 use crate::sampling::hash;
 
 /// Paths per pixel in each scramble.

@@ -21,7 +21,7 @@ use crate::render::pass::stats::{RenderStats, StopReason};
 use crate::render::settings::part::Part;
 use crate::render::settings::techniques::{Choice, Technique};
 use crate::render::settings::{RenderSettings, variant_name};
-use crate::render::{pass::tile::Tile, settings::TILE};
+use crate::render::{pass::tile::Tile, settings::part::TILE};
 use crate::{Error, Result};
 
 /// A render that can be resumed.

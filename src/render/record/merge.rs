@@ -13,7 +13,6 @@ use crate::render::pass::stats::{RenderStats, StopReason};
 use crate::render::pass::tile::Tile;
 use crate::render::settings::RenderSettings;
 use crate::render::settings::part::Part;
-use crate::render::settings::part::sort_in_rows;
 use crate::{Error, Result};
 
 /// The result of merging parts or seeds.
@@ -262,7 +261,10 @@ fn assemble(parts: &[Earlier]) -> Result<Whole> {
         stats.join(&part.record.stats);
         tiles.extend(own);
     }
-    sort_in_rows(&mut tiles);
+    tiles.sort_by_key(|tile| {
+        let [x, y] = tile.grid_position();
+        (y, x)
+    });
     if !fits(&tiles, &RenderSettings { part: None, ..settings(first).clone() }) {
         return Err(Error::Data(format!("the parts of seed {seed} do not cover the picture")));
     }

@@ -34,9 +34,6 @@ pub(in crate::render) fn variant_name(variant: &impl Serialize) -> String {
     name.and_then(|n| n.as_str().map(str::to_owned)).unwrap_or_default()
 }
 
-/// Side of a tile in pixels. Tiles lie on the whole picture's grid.
-pub const TILE: u32 = 16;
-
 /// Default maximum bytes of a guiding field and its training samples.
 pub const GUIDING_MEMORY: u64 = 256 << 20;
 

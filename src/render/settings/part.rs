@@ -5,7 +5,8 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
-use crate::render::pass::tile::Tile;
+/// Side of a tile in pixels. Tiles lie on the whole picture's grid.
+pub const TILE: u32 = 16;
 
 /// Part `number` of `of`, where numbers begin at 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -51,12 +52,10 @@ impl Part {
     }
 }
 
-/// Sorts tiles row by row, the order of [`Tile::grid_positions`].
-pub fn sort_in_rows(tiles: &mut [Tile]) {
-    tiles.sort_by_key(|tile| {
-        let [x, y] = tile.grid_position();
-        (y, x)
-    });
+/// Grid positions (column, row) of the tiles that a window (x0, y0, x1, y1 in pixels; the last two exclusive) touches, row by
+/// row.
+pub fn grid_positions([x0, y0, x1, y1]: [u32; 4]) -> impl Iterator<Item = [u32; 2]> {
+    (y0 / TILE..y1.div_ceil(TILE)).flat_map(move |row| (x0 / TILE..x1.div_ceil(TILE)).map(move |column| [column, row]))
 }
 
 /// The interleaved bits of both coordinates (Morton 1966).
@@ -75,7 +74,7 @@ mod tests {
             (width, height, of) in (1u32..400, 1u32..400, 1u32..40), corner in (0u32..100, 0u32..100)
         ) {
             let window = [corner.0.min(width - 1), corner.1.min(height - 1), width, height];
-            let all: Vec<_> = Tile::grid_positions(window).collect();
+            let all: Vec<_> = grid_positions(window).collect();
             let parts: Vec<_> = (1..=of).map(|number| Part { number, of }.select(all.clone())).collect();
             for (part, number) in parts.iter().zip(1..) {
                 prop_assert_eq!(part.len() as u64, Part { number, of }.count(all.len() as u64));

@@ -76,7 +76,7 @@ macro_rules! techniques {
 }
 
 techniques! {
-    /// The compensated density of the environment ([`compensation`](crate::render::prepass::compensation)).
+    /// The compensated density of the environment.
     Compensation {
         flag: "compensation",
         prepass: "compensation",
@@ -90,7 +90,7 @@ techniques! {
         suits_noise_goal: true,
         learns: false,
     }
-    /// Learned selection of area lights ([`learned_lights`](crate::render::prepass::learned_lights)).
+    /// Learned selection of area lights.
     LearnedLights {
         flag: "learned-lights",
         prepass: "lamps",
@@ -103,7 +103,7 @@ techniques! {
         suits_noise_goal: true,
         learns: true,
     }
-    /// Path guiding ([`guiding`](crate::render::prepass::guiding)).
+    /// Path guiding.
     Guiding {
         flag: "guiding",
         prepass: "guiding",
@@ -117,7 +117,7 @@ techniques! {
         suits_noise_goal: true,
         learns: true,
     }
-    /// Path re-use ([`path_reuse`](crate::render::prepass::path_reuse)).
+    /// Path re-use.
     PathReuse {
         flag: "path-reuse",
         prepass: "path_reuse",
@@ -133,7 +133,7 @@ techniques! {
         suits_noise_goal: true,
         learns: false,
     }
-    /// Numbers of paths by tile ([`allocation`](crate::render::prepass::allocation)).
+    /// Numbers of paths by tile.
     Adaptive {
         flag: "adaptive",
         prepass: "adaptive",

@@ -1,10 +1,9 @@
-//! The transport of a render: what its paths do, and the seeds of its passes.
+//! The transport of a render: what its paths do.
 
 use super::camera::{camera, lens};
 use super::{BackFaces, GlassShadows, Integrator, RenderSettings};
 use crate::integrator::{PreparedScene, Proposal, Transport};
-use crate::render::pass::scheduler;
-use crate::sampling::{FilterSampler, hash};
+use crate::sampling::FilterSampler;
 
 /// The transport of a render with these settings, without what pre-passes learn and without layers of lights by name. A lens that
 /// cannot be made ([`lens`]) is a pinhole here.
@@ -32,16 +31,4 @@ pub fn transport<'a>(scene: &'a PreparedScene, settings: &RenderSettings) -> Tra
         layers: None,
         proposal: Proposal::new(&scene.lights),
     }
-}
-
-/// The seed of a pass that begins after `done` paths.
-pub fn pass_seed(settings: &RenderSettings, done: u32) -> u32 {
-    let scrambles = settings.balance.method().scrambles_passes();
-    settings.seed
-        ^ match () {
-            // Nothing is learned from these points, and the second-order pilot has none of them.
-            () if scheduler::is_early(settings, done) => hash(u32::MAX),
-            () if scrambles => hash(done),
-            () => 0,
-        }
 }

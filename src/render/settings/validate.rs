@@ -3,7 +3,7 @@
 use super::MAX_SIDE;
 use super::lens::{Aperture, Focus, LensSettings, is_optical};
 use super::{RenderSettings, StudyOptions};
-use crate::render::settings::TILE;
+use crate::render::settings::part::TILE;
 use crate::scene::Scene;
 use crate::{Error, Result};
 

@@ -6,7 +6,7 @@
 
 use std::sync::Arc;
 
-use bismar::render::{pass::tile::Tile, settings::TILE};
+use bismar::render::{pass::tile::Tile, settings::part::TILE};
 use bismar::{Error, Result};
 
 /// Tiles of a picture, side by side.

@@ -1,12 +1,13 @@
 use super::*;
 use crate::render::settings::Columns;
+use crate::render::settings::part::grid_positions;
 use crate::render::{Balance, Ground};
 
 const BOTH: Columns = Columns { moments: true, aovs: true, extras: true, ground: true, layers: 2 };
 
 #[test]
 fn tiles_come_back_and_anything_else_does_not() {
-    let mut tiles: Vec<_> = Tile::grid_positions([0, 0, 40, 20]).map(|at| Tile::new(at, 40, 20, BOTH)).collect();
+    let mut tiles: Vec<_> = grid_positions([0, 0, 40, 20]).map(|at| Tile::new(at, 40, 20, BOTH)).collect();
     tiles[1].stats[3].sum = [0.1, -0.0, f64::NAN];
     let bytes = pack(&tiles).unwrap();
     let again = unpack(&bytes).unwrap();

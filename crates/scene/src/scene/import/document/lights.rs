@@ -12,6 +12,9 @@ use super::typed::read;
 use crate::error::Result;
 use crate::scene::{MAX_RADIUS, PunctualKind};
 
+/// Path of the array of punctual lights.
+pub const LIGHTS: &str = "extensions.KHR_lights_punctual.lights";
+
 /// A checked light.
 #[derive(Debug)]
 pub struct Light {

@@ -39,7 +39,7 @@ use buffers::Buffer;
 use cameras::Camera;
 use images::{Image, ImageData, Sampler, Texture};
 use json::Json;
-use lights::Light;
+use lights::{LIGHTS, Light};
 use materials::Material;
 use nodes::{Node, check_forest, have_parents, top_nodes};
 use primitives::{Mesh, References};
@@ -81,8 +81,6 @@ pub struct Document {
     pub extensions: BTreeMap<String, String>,
 }
 
-/// Path of the array of punctual lights.
-pub const LIGHTS: &str = "extensions.KHR_lights_punctual.lights";
 /// Paths of the arrays whose elements animations change.
 pub const ANIMATED: [&str; 5] = ["materials", "meshes", "cameras", LIGHTS, "nodes"];
 

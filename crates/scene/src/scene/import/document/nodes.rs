@@ -4,9 +4,9 @@ use std::sync::Arc;
 
 use glam::{DAffine3, DMat4, DQuat, DVec3};
 
-use super::LIGHTS;
 use super::accessors::{Accessor, Component, Shape};
 use super::json::{Json, extra};
+use super::lights::LIGHTS;
 use super::lights::Size;
 use super::primitives::{Mesh, read_weights};
 use super::table::Table;
