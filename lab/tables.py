@@ -4,7 +4,7 @@
     tables.py --check [NAME...]    lists differences beyond noise; exit code 1 if there are any
     tables.py --write [NAME...]    replaces the tables in the pages
 
-Names: first-look (README.md, docs/noise.md), noise-goal (docs/noise.md), stability (docs/stability.md); all by default. What a
+Names: first-look (docs/noise.md), noise-goal (docs/noise.md), stability (docs/stability.md); all by default. What a
 command wrote is kept in out/tables; --reuse compares that instead of running the command again.
 
 A number with a standard error (a ± b) differs if it is more than three combined errors away. Seconds are of a machine and
@@ -29,11 +29,11 @@ NOISE_GOAL_SCENES = ["cornell", "veach", "showpiece", "study/window", "many-ligh
 
 
 def first_look(bismar):
-    """The script's tables: errors of every balance, and estimated over true noise."""
+    """The script's table: estimated over true noise."""
     made = subprocess.run([ROOT / "scripts/first-look.sh"], env={**os.environ, "BISMAR": str(bismar)}, check=True,
                           capture_output=True, text=True)
     noise = "| scene | `--balance` | lowest | median | highest |\n| --- | --- | --- | --- | --- |\n" + made.stderr
-    return {"README.md": made.stdout, "docs/noise.md": noise}
+    return {"docs/noise.md": noise}
 
 
 def noise_goal(bismar):

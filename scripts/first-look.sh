@@ -1,20 +1,16 @@
 #!/bin/bash
-# The table of README.md: error (median and highest over seeds) and CPU seconds of every balance at the same number of
-# paths, direct light, on two scenes, against a reference of 4096 paths a pixel by the balance heuristic. Stderr has the
-# comparison of docs/noise.md. Pictures go to out/first-look; references are kept.
+# The table of docs/noise.md: estimated over true error of balances at the same number of paths, direct light, on two scenes,
+# against a reference of 4096 paths a pixel by the balance heuristic. Pictures go to out/first-look; references are kept.
 #   scripts/first-look.sh [SPP [path [SEEDS]]]
 set -euo pipefail
 cd "$(dirname "$0")/.."
 spp=${1:-64} integrator=${2:-direct} size=96x64 seeds=${3:-$(seq 31)}
 bismar=${BISMAR:-target/release/bismar} out=out/first-look/$integrator
 mkdir -p "$out"
-TIMEFORMAT=%U
 
 # A number of a JSON file by its key.
 number() { sed -n "s/^ *\"$1\": *\([-+0-9.e]*\),\{0,1\}$/\1/p" "$2" | head -n 1; }
 
-echo "| scene | \`--balance\` | relMSE | highest | CPU seconds |"
-echo "| --- | --- | --- | --- | --- |"
 for scene in veach glossy-sun; do
     sky=()
     [ -f "scenes/$scene.hdr" ] && sky=(--env "scenes/$scene.hdr")
@@ -23,19 +19,15 @@ for scene in veach glossy-sun; do
     }
     reference=$out/$scene-reference.exr
     [ -f "$reference" ] || render --balance half --spp 4096 --seed 1000 -o "$reference"
-    for balance in half power max second-order progressive; do
+    for balance in half second-order progressive; do
         rows=$(for seed in $seeds; do
             picture=$out/$scene-$balance-$seed
-            seconds=$({ time render --balance $balance --spp "$spp" --seed "$seed" -o "$picture.exr" \
-                --stats "$picture.json"; } 2>&1)
+            render --balance $balance --spp "$spp" --seed "$seed" -o "$picture.exr" --stats "$picture.json"
             "$bismar" compare "$picture.exr" "$reference" --json >"$picture-compare.json"
-            echo "$(number rel_mse "$picture-compare.json") $seconds $(number noise "$picture.json")"
+            echo "$(number rel_mse "$picture-compare.json") $(number noise "$picture.json")"
         done)
-        sort -g <<<"$rows" | awk '{ error[NR] = $1; seconds += $2 }
-            END { printf "| %s | `%s` | %.4f | %.3f | %.2f |\n", scene, balance, error[int((NR + 1) / 2)], error[NR],
-                      seconds / NR }' scene=$scene balance=$balance
-        awk '{ print $3 / sqrt($1) }' <<<"$rows" | sort -g | awk '{ ratio[NR] = $1 }
+        awk '{ print $2 / sqrt($1) }' <<<"$rows" | sort -g | awk '{ ratio[NR] = $1 }
             END { printf "| %s | `%s` | %.2f | %.2f | %.2f |\n", scene, balance, ratio[1], ratio[int((NR + 1) / 2)],
-                      ratio[NR] }' scene=$scene balance=$balance >&2
+                      ratio[NR] }' scene=$scene balance=$balance
     done
 done

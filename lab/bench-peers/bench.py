@@ -15,6 +15,7 @@ from chart import chart
 
 PEERS = ("mitsuba", "cycles")
 INTERIORS = ("slit", "ajar", "pendants", "blinds")
+IN_README = ("cornell", "veach", "lamps", "pendants")
 TITLES = {"bismar": "Bismar", "mitsuba": "Mitsuba 3", "cycles": "Cycles"}
 
 
@@ -176,6 +177,7 @@ def main():
         for scene in opt.scenes
     }  # fmt: skip
     (folder / "peers.svg").write_text(chart(points))
+    (folder / "peers-readme.svg").write_text(chart({scene: points[scene] for scene in IN_README if scene in points}))
     if not opt.quick:
         insert(opt.results / "peers.md", "bench-peers", f"{head}\n\n{ratios}")
 
