@@ -8,6 +8,9 @@ release=target/release
 for program in bismar bismar-study; do
     [ -x $release/$program ] || { echo "make build first" >&2; exit 64; }
 done
+# Code of more than 100 kB was inlined level by level, as stacks of lobes can be, and takes minutes of every build.
+large=$(nm -S --size-sort $release/bismar | awk '$3 ~ /[tT]/ && $2 > "0000000000019000" { print "0x" $2, $4 }')
+[ -z "$large" ] || { printf 'functions above 100 kB:\n%s\n' "$large" >&2; exit 1; }
 command -v dpkg-shlibdeps >/dev/null || { echo "needs dpkg-dev: apt install dpkg-dev" >&2; exit 69; }
 
 version=$($release/bismar -V | cut -d' ' -f2)

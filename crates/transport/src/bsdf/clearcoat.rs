@@ -3,7 +3,7 @@
 //! The Fresnel term is Schlick's approximation for index 1.5 at the coat's normal, as the extension specifies; it also
 //! attenuates the layers beneath. A smooth coat therefore conserves energy.
 
-use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response, albedos};
+use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response, TopProbabilities, albedos};
 use super::parameters::{Eight, lobe};
 use super::schlick::schlick_weight;
 use super::{albedo, ggx};
@@ -63,7 +63,7 @@ impl Lobe for Clearcoat<Eight> {
     }
 
     #[inline(always)]
-    fn sample_direction(&self, frames: &Frames, wo: V3, [_, u, v]: [F; 3]) -> DirectionSample {
+    fn sample_direction(&self, frames: &Frames, wo: V3, [_, u, v]: [F; 3], _: &TopProbabilities) -> DirectionSample {
         let coat = Frames::new(self.coat_normal(frames.n, wo));
         let h = coat.to_world(ggx::sample_visible_normal(coat.to_local(wo), [self.alpha; 2], u, v));
         let wi = h * (F::splat(2.0) * wo.dot(h)) - wo;

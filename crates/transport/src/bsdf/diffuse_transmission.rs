@@ -3,7 +3,7 @@
 use std::f32::consts::{FRAC_1_PI, PI};
 
 use super::albedo;
-use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response};
+use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response, TopProbabilities};
 use super::parameters::{Eight, lobe};
 use super::schlick::schlick_weight;
 use crate::lanes::{F, V3};
@@ -60,7 +60,13 @@ impl Lobe for DiffuseTransmission<Eight> {
     }
 
     #[inline(always)]
-    fn sample_direction(&self, Frames { t, b, n }: &Frames, _: V3, [_, u, v]: [F; 3]) -> DirectionSample {
+    fn sample_direction(
+        &self,
+        Frames { t, b, n }: &Frames,
+        _: V3,
+        [_, u, v]: [F; 3],
+        _: &TopProbabilities,
+    ) -> DirectionSample {
         let cosine = warp::cosine_hemispheres(u, v);
         DirectionSample { wi: *t * cosine.x + *b * cosine.y - *n * cosine.z, h: V3::ZERO }
     }

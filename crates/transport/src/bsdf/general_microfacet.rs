@@ -2,7 +2,7 @@
 //! or a thin film. It replaces both [`Microfacet`](super::Microfacet) and [`Glass`](super::Glass) on materials that have one
 //! of the extensions, so that the two stay simple and fast.
 
-use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response, Straight, albedos};
+use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response, Straight, TopProbabilities, albedos};
 use super::parameters::{Eight, lobe};
 use super::refraction::{self, Facet, Fresnel};
 use super::schlick::schlick_weight;
@@ -103,7 +103,13 @@ impl Lobe for GeneralMicrofacet<Eight> {
     }
 
     #[inline(never)]
-    fn sample_direction(&self, Frames { n, .. }: &Frames, wo: V3, [lobe, u, v]: [F; 3]) -> DirectionSample {
+    fn sample_direction(
+        &self,
+        Frames { n, .. }: &Frames,
+        wo: V3,
+        [lobe, u, v]: [F; 3],
+        _: &TopProbabilities,
+    ) -> DirectionSample {
         let frame = self.frame(*n);
         let h = frame.to_world(ggx::sample_visible_normal(frame.to_local(wo), self.alphas(), u, v));
         let reflects = lobe.simd_lt(self.scattering(wo.dot(h)).0.reflection_probability(self.tint));

@@ -4,7 +4,7 @@
 //! Radiance inside media is not scaled by the squared index of refraction: emitters in glass have the radiance that the
 //! file says, and the factor cancels for light that leaves a medium.
 
-use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response, Straight, albedos};
+use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response, Straight, TopProbabilities, albedos};
 use super::parameters::{Eight, lobe};
 use super::refraction::{self, Facet, Fresnel};
 use super::{albedo, ggx};
@@ -93,7 +93,7 @@ impl Lobe for Glass<Eight> {
     }
 
     #[inline(always)]
-    fn sample_direction(&self, frames: &Frames, wo: V3, [lobe, u, v]: [F; 3]) -> DirectionSample {
+    fn sample_direction(&self, frames: &Frames, wo: V3, [lobe, u, v]: [F; 3], _: &TopProbabilities) -> DirectionSample {
         let h = frames.to_world(ggx::sample_visible_normal(frames.to_local(wo), [self.alpha; 2], u, v));
         let reflects = lobe.simd_lt(self.scattering(wo.dot(h)).reflection_probability(self.tint));
         refraction::reflect_or_refract(frames.n, wo, h, self.eta, self.thin.simd_gt(F::ZERO), reflects)

@@ -1,6 +1,6 @@
 //! Layering: one lobe on top of others.
 
-use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response, Straight};
+use super::lobe::{DirectionSample, Directions, Frames, Lobe, MAX_LEVELS, Response, Straight, TopProbabilities};
 use super::lobe_set::LobeSet;
 use super::parameters::Parameters;
 use crate::lanes::{F, LANES, Rows, V3, eight};
@@ -58,20 +58,11 @@ impl<Top: Lobe, Base: Lobe> Layered<Option<Top>, Base> {
     fn top(&self) -> Option<&Top> {
         self.top.as_ref().filter(|top| top.present().any())
     }
-
-    /// Probability of sampling the top lobe: its fraction of the scattered light, estimated by [`Lobe::weight`].
-    #[inline(always)]
-    fn top_probability(&self, top: &Top, n: V3, wo: V3) -> F {
-        let (weight, transmittance) = top.weight(n, wo);
-        let sum = weight + self.base.weight(n, wo).0 * transmittance;
-        let scatters = sum.simd_gt(F::ZERO);
-        // If no lobe scatters toward wo, choose the one that is present.
-        let otherwise = top.present() & F::ONE;
-        scatters.select(weight / sum, otherwise)
-    }
 }
 
 impl<Top: Lobe, Base: Lobe> Lobe for Layered<Option<Top>, Base> {
+    const LEVELS: usize = Base::LEVELS + 1;
+
     #[inline(always)]
     fn present(&self) -> F {
         self.top.as_ref().map_or(F::ZERO, Lobe::present) | self.base.present()
@@ -94,10 +85,19 @@ impl<Top: Lobe, Base: Lobe> Lobe for Layered<Option<Top>, Base> {
 
     #[inline(always)]
     fn weight(&self, n: V3, wo: V3) -> (F, F) {
-        let (base, rest) = self.base.weight(n, wo);
+        self.weigh(n, wo, &mut [F::ZERO; MAX_LEVELS])
+    }
+
+    #[inline(always)]
+    fn weigh(&self, n: V3, wo: V3, probabilities: &mut TopProbabilities) -> (F, F) {
+        let (base, rest) = self.base.weigh(n, wo, probabilities);
         let Some(top) = self.top() else { return (base, rest) };
-        let (top, transmittance) = top.weight(n, wo);
-        (top + base * transmittance, transmittance * rest)
+        let (weight, transmittance) = top.weight(n, wo);
+        let sum = weight + base * transmittance;
+        // If no lobe scatters toward wo, choose the one that is present.
+        let otherwise = top.present() & F::ONE;
+        probabilities[Base::LEVELS] = sum.simd_gt(F::ZERO).select(weight / sum, otherwise);
+        (sum, transmittance * rest)
     }
 
     #[inline(always)]
@@ -111,27 +111,33 @@ impl<Top: Lobe, Base: Lobe> Lobe for Layered<Option<Top>, Base> {
     #[inline(always)]
     fn eval(&self, d: &Directions, light: F) -> Response {
         // One call of the base, whether there is a top lobe or not: it is inlined at every level.
-        let top = self.top().map(|lobe| (lobe, lobe.eval(d, light)));
-        let base = self.base.eval(d, top.map_or(light, |(_, top)| top.transmittance));
-        let Some((lobe, top)) = top else { return base };
-        let p = self.top_probability(lobe, d.n, d.wo);
+        let top = self.top().map(|lobe| lobe.eval(d, light));
+        let base = self.base.eval(d, top.map_or(light, |top| top.transmittance));
+        let Some(top) = top else { return base };
+        let p = d.top[Base::LEVELS];
         let pdf = p.mul_add(top.pdf, (F::ONE - p) * base.pdf);
         Response { value: top.value + base.value, pdf, transmittance: base.transmittance }
     }
 
     #[inline(always)]
-    fn sample_direction(&self, frames: &Frames, wo: V3, [lobe, u, v]: [F; 3]) -> DirectionSample {
+    fn sample_direction(
+        &self,
+        frames: &Frames,
+        wo: V3,
+        [lobe, u, v]: [F; 3],
+        probabilities: &TopProbabilities,
+    ) -> DirectionSample {
         // Reuse the number: rescaled to [0, 1), it chooses among the parts of the chosen lobe.
         let within = |from: F, size: F| ((lobe - from) / size).fast_max(F::ZERO).fast_min(F::splat(ONE_MINUS_EPSILON));
-        let upper = self.top().map(|upper| (upper, self.top_probability(upper, frames.n, wo)));
+        let upper = self.top().map(|upper| (upper, probabilities[Base::LEVELS]));
         let beneath = upper.map_or(lobe, |(_, p)| within(p, F::ONE - p));
-        let base = self.base.sample_direction(frames, wo, [beneath, u, v]);
+        let base = self.base.sample_direction(frames, wo, [beneath, u, v], probabilities);
         let Some((upper, p)) = upper else { return base };
         let from_top = lobe.simd_lt(p);
         if !from_top.any() {
             return base;
         }
-        let top = upper.sample_direction(frames, wo, [within(F::ZERO, p), u, v]);
+        let top = upper.sample_direction(frames, wo, [within(F::ZERO, p), u, v], probabilities);
         DirectionSample { wi: V3::select(from_top, top.wi, base.wi), h: V3::select(from_top, top.h, base.h) }
     }
 }

@@ -4,8 +4,17 @@ use super::lobe_set::LobeSet;
 use crate::lanes::{F, V3};
 use crate::sampling::warp;
 
+/// Maximum levels of a stack: lobes on top of the innermost one.
+pub const MAX_LEVELS: usize = 6;
+
+/// Probabilities with which sampling chooses the top lobe of each level of a stack, from the innermost level on.
+pub type TopProbabilities = [F; MAX_LEVELS];
+
 /// A lobe, or a stack of lobes, at eight points.
 pub trait Lobe: Copy {
+    /// Levels of the stack.
+    const LEVELS: usize = 0;
+
     /// Mask of the lanes where the lobe is not zero.
     fn present(&self) -> F;
 
@@ -31,6 +40,12 @@ pub trait Lobe: Copy {
     /// light that reaches the layers beneath. Sampling chooses among lobes by them. `n` is the shading normal.
     fn weight(&self, n: V3, wo: V3) -> (F, F);
 
+    /// [`weight`](Self::weight), with the probabilities of all levels of the stack.
+    #[inline(always)]
+    fn weigh(&self, n: V3, wo: V3, _top: &mut TopProbabilities) -> (F, F) {
+        self.weight(n, wo)
+    }
+
     /// Light that goes straight on: the delta part of the lobe, which [`eval`](Self::eval) and sampling leave out. `light` is
     /// the fraction of light that the layers above transmit. With `bodies` also what smooth boundaries of media transmit, as
     /// if it were not bent; that is no part of the BSDF.
@@ -42,10 +57,10 @@ pub trait Lobe: Copy {
     /// Value and density for given directions; `light` is the fraction of light that the layers above transmit.
     fn eval(&self, d: &Directions, light: F) -> Response;
 
-    /// Samples a direction from three uniform numbers in [0, 1); the first one chooses among the parts of a lobe. By default above
-    /// the surface, with density cos θ/π.
+    /// Samples a direction from three uniform numbers in [0, 1); the first one chooses among the parts of a lobe, and among lobes by
+    /// their probabilities. By default above the surface, with density cos θ/π.
     #[inline(always)]
-    fn sample_direction(&self, frames: &Frames, wo: V3, [_, u, v]: [F; 3]) -> DirectionSample {
+    fn sample_direction(&self, frames: &Frames, wo: V3, [_, u, v]: [F; 3], _top: &TopProbabilities) -> DirectionSample {
         let wi = frames.to_world(warp::cosine_hemispheres(u, v));
         DirectionSample { wi, h: (wo + wi).normalize_or(frames.n) }
     }
@@ -61,10 +76,10 @@ pub trait Lobe: Copy {
     /// ones attenuate the layers beneath, but scatter nothing.
     #[inline(always)]
     fn eval_pdf_above(&self, n: V3, wo: V3, wi: V3, min_alpha: F) -> (V3, F) {
-        let half = (wo + wi).normalize_or(n);
-        let sample = DirectionSample { wi, h: V3::select(n.dot(wi).simd_gt(F::ZERO), half, V3::ZERO) };
-        let response = evaluate(self, n, wo, sample, min_alpha);
-        (response.value, response.pdf)
+        match is_large::<Self>() {
+            true => eval_large(self, n, wo, wi, min_alpha),
+            false => eval(self, n, wo, wi, min_alpha),
+        }
     }
 
     /// Samples `wi` from three uniform numbers in [0, 1).
@@ -76,24 +91,68 @@ pub trait Lobe: Copy {
     /// Samples `wi` from three uniform numbers in [0, 1), but takes `other` in lanes of the mask `given`. Value and density
     /// are those of the BSDF in all lanes.
     #[inline(always)]
-    fn sample_or(&self, n: V3, wo: V3, numbers: [F; 3], (given, other): (F, V3)) -> BsdfSample {
-        let mut drawn = self.sample_direction(&Frames::new(n), wo, numbers);
-        if given.any() {
-            let half = (wo + other).normalize_or(n);
-            let h = V3::select(n.dot(other).simd_gt(F::ZERO), half, V3::ZERO);
-            drawn = DirectionSample { wi: V3::select(given, other, drawn.wi), h: V3::select(given, h, drawn.h) };
+    fn sample_or(&self, n: V3, wo: V3, numbers: [F; 3], given: (F, V3)) -> BsdfSample {
+        match is_large::<Self>() {
+            true => sample_large(self, n, wo, numbers, given),
+            false => sample(self, n, wo, numbers, given),
         }
-        let Response { value, pdf, .. } = evaluate(self, n, wo, drawn, F::ZERO);
-        BsdfSample { wi: drawn.wi, value, pdf }
     }
+}
+
+/// Is the code of a stack so large that it is compiled once, and not wherever it is called?
+const fn is_large<L: Lobe>() -> bool {
+    L::LEVELS > 1
+}
+
+#[inline(never)]
+fn eval_large(lobe: &impl Lobe, n: V3, wo: V3, wi: V3, min_alpha: F) -> (V3, F) {
+    eval(lobe, n, wo, wi, min_alpha)
+}
+
+#[inline(never)]
+fn sample_large(lobe: &impl Lobe, n: V3, wo: V3, numbers: [F; 3], given: (F, V3)) -> BsdfSample {
+    sample(lobe, n, wo, numbers, given)
+}
+
+/// [`Lobe::eval_pdf_above`].
+#[inline(always)]
+fn eval(lobe: &impl Lobe, n: V3, wo: V3, wi: V3, min_alpha: F) -> (V3, F) {
+    let half = (wo + wi).normalize_or(n);
+    let sample = DirectionSample { wi, h: V3::select(n.dot(wi).simd_gt(F::ZERO), half, V3::ZERO) };
+    let mut top = [F::ZERO; MAX_LEVELS];
+    lobe.weigh(n, wo, &mut top);
+    let response = respond(lobe, n, wo, sample, min_alpha, top);
+    (response.value, response.pdf)
+}
+
+/// [`Lobe::sample_or`].
+#[inline(always)]
+fn sample(lobe: &impl Lobe, n: V3, wo: V3, numbers: [F; 3], (given, other): (F, V3)) -> BsdfSample {
+    let mut top = [F::ZERO; MAX_LEVELS];
+    lobe.weigh(n, wo, &mut top);
+    let mut drawn = lobe.sample_direction(&Frames::new(n), wo, numbers, &top);
+    if given.any() {
+        let half = (wo + other).normalize_or(n);
+        let h = V3::select(n.dot(other).simd_gt(F::ZERO), half, V3::ZERO);
+        drawn = DirectionSample { wi: V3::select(given, other, drawn.wi), h: V3::select(given, h, drawn.h) };
+    }
+    let Response { value, pdf, .. } = respond(lobe, n, wo, drawn, F::ZERO, top);
+    BsdfSample { wi: drawn.wi, value, pdf }
 }
 
 /// Evaluates a lobe for a sampled direction.
 #[inline(always)]
-fn evaluate(lobe: &impl Lobe, n: V3, wo: V3, DirectionSample { wi, h }: DirectionSample, min_alpha: F) -> Response {
+fn respond(
+    lobe: &impl Lobe,
+    n: V3,
+    wo: V3,
+    DirectionSample { wi, h }: DirectionSample,
+    min_alpha: F,
+    top: TopProbabilities,
+) -> Response {
     let (cos_o, cos_i) = (n.dot(wo), n.dot(wi));
     let above = cos_o.simd_gt(F::ZERO) & cos_i.simd_gt(F::ZERO);
-    lobe.eval(&Directions { n, wo, wi, h, cos_o, cos_i, above, min_alpha }, F::ONE)
+    lobe.eval(&Directions { n, wo, wi, h, cos_o, cos_i, above, min_alpha, top }, F::ONE)
 }
 
 /// The directions for which a lobe is evaluated.
@@ -115,6 +174,8 @@ pub struct Directions {
     pub above: F,
     /// Microfacet lobes of a smaller α reflect nothing.
     pub min_alpha: F,
+    /// Probabilities of the lobes.
+    pub top: TopProbabilities,
 }
 
 /// Orthonormal frames around shading normals.

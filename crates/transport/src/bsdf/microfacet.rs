@@ -1,7 +1,7 @@
 //! GGX reflection of metals and dielectrics, with height-correlated Smith masking-shadowing and Schlick's Fresnel term
 //! (glTF 2.0, appendix B), and compensation of the energy that single scattering loses (`albedo.rs`).
 
-use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response, albedos};
+use super::lobe::{DirectionSample, Directions, Frames, Lobe, Response, TopProbabilities, albedos};
 use super::parameters::{Eight, lobe};
 use super::schlick::schlick_weight;
 use super::{albedo, ggx};
@@ -72,7 +72,7 @@ impl Lobe for Microfacet<Eight> {
     }
 
     #[inline(always)]
-    fn sample_direction(&self, frames: &Frames, wo: V3, [_, u, v]: [F; 3]) -> DirectionSample {
+    fn sample_direction(&self, frames: &Frames, wo: V3, [_, u, v]: [F; 3], _: &TopProbabilities) -> DirectionSample {
         // h as sampled, not normalize(wo + wi), which is inexact for narrow lobes.
         let h = frames.to_world(ggx::sample_visible_normal(frames.to_local(wo), [self.alpha; 2], u, v));
         DirectionSample { wi: h * (F::splat(2.0) * wo.dot(h)) - wo, h }

@@ -31,7 +31,7 @@ pub struct MixtureSample {
 pub fn sample(mixture: Option<&Mixture>, bsdf: &impl Lobe, n: V3, wo: V3, [lobe, u, v]: [F; 3]) -> MixtureSample {
     let drawn = mixture.map(|mixture| (mixture, mixture.draw([lobe, u, v])));
     let (lobe, given) = drawn.map_or((lobe, (F::ZERO, V3::ZERO)), |(_, drawn)| (drawn.rest, drawn.given));
-    // One call of the BSDF, which is inlined.
+    // One call of the BSDF, whose code is large.
     let sample = bsdf.sample_or(n, wo, [lobe, u, v], given);
     let Some((mixture, drawn)) = drawn else { return MixtureSample { pdfs: [sample.pdf, F::ZERO], sample } };
     let density = drawn.density + mixture.field.density(mixture.cells, !drawn.given.0, sample.wi);
