@@ -116,8 +116,8 @@ fn replayed_paths_are_those_of_the_picture_and_their_events_add_up_to_them() {
                 (paths, sum) = (paths + 1, [0, 1, 2].map(|c| sum[c] + f64::from(path.radiance[c])));
                 let loans: Vec3 = path.borrowed.iter().map(|loan| loan.radiance).sum();
                 let (all, most) = (told(&path) + loans, path.radiance.max_element().max(1e-3));
-                // Loans are differences of sums over a group; of a path's terms, a hundred roundings.
-                let close = (all - path.radiance).abs().max_element() <= 100.0 * f32::EPSILON * most;
+                // Loans are differences of sums over a group; some hundred roundings of them.
+                let close = (all - path.radiance).abs().max_element() <= 400.0 * f32::EPSILON * most;
                 assert!(close, "{x} {y}: {all} of {}", path.radiance);
                 borrowed.extend(path.borrowed);
             })
