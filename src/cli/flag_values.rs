@@ -1,34 +1,12 @@
-//! Values of flags that are library types, with the help text of each.
+//! Options by name and value, parsed as the command line does, and endings of file names.
 
 use std::ffi::{OsStr, OsString};
 use std::path::Path;
 
-use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, Command};
 
-use crate::color::ColorSpace;
-use crate::film::{Denoise, View, preview};
-use crate::job::LightUnit;
-use crate::rays::Backend;
-use crate::render::{BackFaces, Choice, GlassShadows, Ground, Integrator, PixelFilter};
+use crate::film::preview;
 use crate::{Error, Result};
-
-/// A library type whose values are the values of a flag.
-pub trait FlagValue: Copy + Send + Sync + 'static {
-    /// All values, in the order of the help text.
-    fn all() -> &'static [Self];
-    /// The value's name on the command line.
-    fn flag_name(self) -> &'static str;
-    /// One line for the help text.
-    fn help(self) -> &'static str;
-}
-
-/// The parser of a flag with such values.
-pub fn value_of<T: FlagValue>() -> impl TypedValueParser<Value = T> {
-    let values = T::all().iter().map(|value| PossibleValue::new(value.flag_name()).help(value.help()));
-    let parse = |name: String| T::all().iter().find(|value| value.flag_name() == name).copied().ok_or("unknown value");
-    PossibleValuesParser::new(values).try_map(parse)
-}
 
 /// Options of a command: the names of flags without dashes, and their values; `None` for switches.
 pub type Options = [(String, Option<OsString>)];
@@ -81,76 +59,4 @@ pub(super) fn check_ending(flag: &str, path: &Path, endings: &[&str]) -> Result<
         list.replace_range(last..last + 2, " or ");
     }
     Err(Error::Usage(format!("{flag} {}: the name must end in .{list}{hint}", path.display())))
-}
-
-/// Implements [`FlagValue`] for types with a list `ALL` and a `name`.
-macro_rules! flag_values {
-    ($($kind:ident { $($variant:ident: $help:literal,)+ })+) => {$(
-        impl FlagValue for $kind {
-            fn all() -> &'static [Self] {
-                &Self::ALL
-            }
-
-            fn flag_name(self) -> &'static str {
-                self.name()
-            }
-
-            fn help(self) -> &'static str {
-                match self {
-                    $(Self::$variant => $help,)+
-                }
-            }
-        }
-    )+};
-}
-
-flag_values! {
-    Integrator {
-        Path: "Path tracing: emission, direct and indirect light",
-        Direct: "Emission and direct light",
-    }
-    BackFaces {
-        Cull: "Rays from the camera and their mirror images pass them",
-        Show: "They are drawn",
-    }
-    GlassShadows {
-        Off: "Shadow rays end at them; light behind is found by refracted paths",
-        Straight: "Shadow rays pass them straight, dimmed by Fresnel and absorption: approximate",
-    }
-    Ground {
-        None: "Nothing",
-        Shadow: "A plane that shows shadows alone",
-    }
-    LightUnit {
-        Lumen: "Candela and lux, as KHR_lights_punctual defines",
-        Watt: "W/sr and W/m^2, multiplied by 683 lm/W as Blender's exporter does",
-    }
-    Choice {
-        Off: "Never",
-        On: "Always",
-        Auto: "Where a pre-pass estimates that it pays for its cost",
-    }
-    PixelFilter {
-        Gaussian: "Gaussian of standard deviation 0.5 pixels, truncated at 1.5 pixels",
-        Box: "Box of one pixel",
-        BlackmanHarris: "Blackman-Harris of radius 1.5 pixels",
-    }
-    Backend {
-        Embree: "Embree 4, as installed on the system",
-        Obvhs: "obvhs, a BVH library in pure Rust",
-    }
-    Denoise {
-        Oidn: "Intel Open Image Denoise, if it is installed",
-    }
-    ColorSpace {
-        Rec709: "The primaries of sRGB",
-        Acescg: "ACEScg: AP1",
-        Rec2020: "ITU-R BT.2020",
-    }
-    View {
-        Agx: "AgX, base look: a soft shoulder; bright colours desaturate as on film",
-        Neutral: "Khronos PBR Neutral: keeps base colours and compresses highlights",
-        Aces: "ACES as fitted by Hill, as Khronos' render fidelity suite shows it",
-        Srgb: "The sRGB transfer function alone; values above 1 clip",
-    }
 }

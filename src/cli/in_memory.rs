@@ -12,10 +12,10 @@ use super::look::LookArgs;
 pub use super::look::{Looked, Shot};
 use super::merge::MergeArgs;
 pub use super::render::request;
-use super::view_args::ViewArgs;
 use crate::Result;
 use crate::console::{Paths, Verbosity};
-use crate::film::{ViewTransform, atomic};
+use crate::film::atomic;
+use crate::job::ViewOptions;
 
 /// `bismar merge`: parts of a picture, or pictures of different seeds.
 ///
@@ -54,12 +54,12 @@ pub fn look(options: &Options, scenes: &[PathBuf], paths: &mut Paths, stop: &Ato
     super::look::look(&parse::<LookArgs>("look", options, scenes)?, paths, stop)
 }
 
-/// The view transform of these values of `--view` and `--view-space`.
+/// The values of `--view` and `--view-space`.
 ///
 /// # Errors
-/// [`Error::Usage`](crate::Error::Usage), and those of reading a LUT.
-pub fn view(options: &Options) -> Result<ViewTransform> {
-    parse::<ViewArgs>("view", options, &[] as &[&Path])?.transform()
+/// [`Error::Usage`](crate::Error::Usage).
+pub fn view(options: &Options) -> Result<ViewOptions> {
+    parse("view", options, &[] as &[&Path])
 }
 
 const QUIET: Verbosity = Verbosity { quiet: true, verbose: 0, log: crate::console::LogFormat::Text };

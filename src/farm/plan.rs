@@ -6,9 +6,10 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use super::names::{printable, utf8};
-use crate::batch::frames::Frames;
-use crate::batch::job::{Job, argument};
+use crate::batch::frames::{Frames, Sequence};
+use crate::batch::job::Job;
 use crate::batch::numbering::numbered;
+use crate::job::argument;
 use crate::scene::import::read_own;
 use crate::{Error, Result};
 
@@ -97,23 +98,19 @@ impl Plan {
         let mut plan =
             Self { schema: SCHEMA, name, folder, input: String::new(), parts, retries_memory: false, tasks, merges };
         for render in renders {
-            if parts > 1
-                && let Some((flag, _)) = render.flags.iter().find(|(flag, _)| flag == "time")
-            {
+            if parts > 1 && render.request.time.is_some() {
                 return Err(Error::Usage(format!(
-                    "'{}' stops by --{flag}, so its parts would stop at different numbers of paths: use --spp or --noise instead",
+                    "'{}' stops by --time, so its parts would stop at different numbers of paths: use --spp or --noise instead",
                     render.name
                 )));
             }
-            let mut render = render.clone();
-            match render.take("frames") {
-                None => plan.add(&render, None, utf8(program)?, progress)?,
-                Some(frames) => {
-                    let frames: Frames = frames.parse().map_err(|why| Error::Usage(format!("--frames: {why}")))?;
+            match &render.sequence {
+                Some(Sequence::Frames(frames)) => {
                     for frames in frames.chunks(chunk as usize) {
-                        plan.add(&render, Some(frames), utf8(program)?, progress)?;
+                        plan.add(render, Some(frames), utf8(program)?, progress)?;
                     }
                 }
+                _ => plan.add(render, None, utf8(program)?, progress)?,
             }
         }
         plan.check()?;
@@ -123,17 +120,25 @@ impl Plan {
     fn add(&mut self, render: &Job, frames: Option<Frames>, program: &str, progress: &str) -> Result<()> {
         let parts = self.parts;
         let first = self.tasks.len();
-        let which = frames.as_ref().map(|frames| format!("--frames={frames}"));
-        let (of_merge, of_tasks): (Vec<_>, Vec<_>) =
-            render.flags.iter().partition(|(name, _)| parts > 1 && FLAGS_OF_MERGE.contains(&name.as_str()));
-        let checkpoints = of_tasks.iter().any(|(name, _)| name == "checkpoint");
+        let which = match (&frames, &render.sequence) {
+            (Some(frames), _) => Some(format!("--frames={frames}")),
+            (None, Some(Sequence::Turntable(count))) => Some(format!("--turntable={count}")),
+            (None, Some(Sequence::Cameras(file))) => Some(format!("--cameras={}", utf8(file)?)),
+            _ => None,
+        };
+        let request = &render.request;
+        let (of_merge, of_tasks): (Vec<_>, Vec<_>) = request
+            .flags()?
+            .into_iter()
+            .partition(|(name, _)| parts > 1 && FLAGS_OF_MERGE.contains(&name.as_str()));
+        let checkpoints = request.checkpoint.is_some();
         for part in 1..=parts {
             let output = match parts {
-                1 => render.output.clone(),
+                1 => request.output.clone(),
                 _ => self.folder.join("parts").join(format!("{}.{part}-of-{parts}.exr", render.name)),
             };
-            let mut command = vec![program.into(), "render".into(), utf8(&render.scene)?.into()];
-            command.extend(of_tasks.iter().map(|f| argument(f)));
+            let mut command = vec![program.into(), "render".into(), utf8(&request.scene)?.into()];
+            command.extend(of_tasks.iter().map(argument));
             command.extend(which.clone());
             if parts > 1 {
                 command.push(format!("--part={part}/{parts}"));
@@ -155,12 +160,12 @@ impl Plan {
             if !checkpoints {
                 command.push("--no-statistics".into());
             }
-            command.extend(of_merge.iter().filter(|(name, _)| name != "stats").map(|f| argument(f)));
-            command.push(format!("--output={}", utf8(&render.output)?));
+            command.extend(of_merge.iter().filter(|(name, _)| name != "stats").map(argument));
+            command.push(format!("--output={}", utf8(&request.output)?));
             for task in &self.tasks[first..] {
                 command.push(utf8(&task.output)?.into());
             }
-            let (tasks, output) = ((first, self.tasks.len() - 1), render.output.clone());
+            let (tasks, output) = ((first, self.tasks.len() - 1), request.output.clone());
             self.merges.push(Merge { render: render.name.clone(), command, output, frames, tasks });
         }
         Ok(())
@@ -244,16 +249,18 @@ pub fn files(output: &Path, frames: Option<&Frames>) -> Vec<PathBuf> {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
+    use crate::job::RenderRequest;
 
     /// Two renders in `parts` parts.
     pub fn plan(parts: u32) -> Plan {
-        let render = |name: &str| Job {
-            name: name.into(),
+        let request = |name: &str| RenderRequest {
             scene: "/s/it's a hall.glb".into(),
             output: format!("/o/{name}.exr").into(),
-            flags: vec![("spp".into(), Some("64".into())), ("preview".into(), Some(format!("/o/{name}.png")))],
-            ..Job::default()
+            spp: Some(64),
+            preview: Some(format!("/o/{name}.png").into()),
+            ..RenderRequest::default()
         };
+        let render = |name: &str| Job { name: name.into(), request: request(name), ..Job::default() };
         Plan::new("shots", Path::new("/f"), Path::new("bismar"), "plain", &[render("a"), render("b")], (parts, 1))
             .unwrap()
     }
@@ -274,13 +281,14 @@ pub(crate) mod tests {
 
     /// Frames 1 to 7 in tasks of `chunk` frames and `parts` parts.
     pub fn sequence(parts: u32, chunk: u32) -> Plan {
-        let render = Job {
-            name: "a.####".into(),
+        let request = RenderRequest {
             scene: "/s/a.glb".into(),
             output: "/o/a.####.exr".into(),
-            flags: vec![("frames".into(), Some("1-7".into())), ("preview".into(), Some("/o/a.####.png".into()))],
-            ..Job::default()
+            preview: Some("/o/a.####.png".into()),
+            ..RenderRequest::default()
         };
+        let sequence = "1-7".parse().ok().map(Sequence::Frames);
+        let render = Job { name: "a.####".into(), request, sequence, ..Job::default() };
         Plan::new("shots", Path::new("/f"), Path::new("bismar"), "plain", &[render], (parts, chunk)).unwrap()
     }
 
@@ -319,13 +327,8 @@ pub(crate) mod tests {
         let whole = plan(1);
         assert!(whole.merges.is_empty() && !whole.tasks[0].command.join(" ").contains("--part"));
         assert_eq!(whole.tasks[1].output, Path::new("/o/b.exr"));
-        let timed = Job {
-            name: "a".into(),
-            scene: "/a.glb".into(),
-            output: "/a.exr".into(),
-            flags: vec![("time".into(), Some("3".into()))],
-            ..Job::default()
-        };
+        let request = RenderRequest { time: Some(3.0), ..RenderRequest::default() };
+        let timed = Job { name: "a".into(), request, ..Job::default() };
         let in_parts = |parts: u32| {
             Plan::new("x", Path::new("/f"), Path::new("bismar"), "plain", std::slice::from_ref(&timed), (parts, 1))
         };

@@ -3,7 +3,6 @@
 //! make a [`RenderRequest`] and hand it over.
 
 mod checkpoints;
-mod choose;
 mod command;
 mod denoise;
 mod in_memory;
@@ -15,17 +14,22 @@ mod request;
 mod scene;
 mod selection;
 mod session;
+mod settings;
 pub mod stats;
+mod values;
+mod view;
 mod warnings;
+pub(crate) mod wire;
 
-pub use choose::{DEFAULT_SIZE, settings, size};
-pub use command::PictureCommand;
 pub use denoise::work as denoise;
 pub use in_memory::{CameraInfo, Heuristic, LoadedScene, PixelMoments, RenderedPicture, Values, compare};
 pub use inputs::{Files, Inputs};
 pub use loaded::{Building, Loaded};
 pub use output::{OutputWriter, preview_mark};
-pub use request::{LightUnit, RenderRequest, claim_output};
+pub use request::{RenderRequest, argument, claim_output};
 pub use selection::SceneSelection;
 pub use session::{Done, Session};
+pub use settings::{DEFAULT_SIZE, settings, size};
+pub use values::{LightUnit, OnOff, Preset, TechniqueOptions};
+pub use view::ViewOptions;
 pub(crate) use stats::write_json;

@@ -5,7 +5,8 @@ use std::path::Path;
 
 use tracing::warn;
 
-use super::request::{LightUnit, RenderRequest};
+use super::request::RenderRequest;
+use super::values::LightUnit;
 use crate::color::luminance;
 use crate::integrator::PreparedScene;
 use crate::rays::BackendInfo;

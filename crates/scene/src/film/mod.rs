@@ -22,6 +22,8 @@ pub mod radiance;
 pub mod stats;
 pub mod view;
 
+use serde::{Deserialize, Serialize};
+
 pub use aov::Aov;
 pub use exposure::Exposure;
 pub use lut::{Lut, LutInput};
@@ -32,7 +34,8 @@ pub use stats::{AovSums, ExtraSums, GroundSums, Peak, PixelStats};
 pub use view::{View, ViewTransform};
 
 /// The denoiser of a finished picture.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Denoise {
     /// Intel's Open Image Denoise, if it is installed.
     Oidn,

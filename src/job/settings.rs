@@ -19,7 +19,8 @@ pub fn settings(request: &RenderRequest, scene: &Scene) -> Result<RenderSettings
         return Err(Error::Data(format!("{}: {fault}", request.scene.display())));
     }
     let (width, height) = request.size.map_or_else(|| size(&scene.cameras[camera]), |s| (s.0, s.1));
-    let settings = RenderSettings { camera, width, height, ..request.settings.clone() };
+    request.check(false)?;
+    let settings = RenderSettings { camera, width, height, ..request.settings() };
     settings.validate(scene)?;
     if let Some(part) = settings.part
         && tile_positions(&settings).is_empty()
