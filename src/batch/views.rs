@@ -391,8 +391,11 @@ mod tests {
             preview: Some(preview.into()),
             ..RenderRequest::default()
         };
-        let job = |sequence, preview| {
-            Job { name: "a".into(), request: request(preview), sequence: Some(sequence), ..Job::default() }
+        let job = |sequence, preview| Job {
+            name: "a".into(),
+            request: request(preview),
+            sequence: Some(sequence),
+            ..Job::default()
         };
         let jobs = split(&job(Sequence::Turntable(4), "a.#.png")).unwrap();
         let orbits: Vec<_> = jobs.iter().map(|job| job.request.orbit.unwrap().to_string()).collect();

@@ -12,14 +12,13 @@ use std::time::Instant;
 use clap::Args;
 
 use super::batch::{Work, plan};
-use super::flag_values::has_ending;
+use super::options::has_ending;
 use crate::batch::job::Job;
 use crate::batch::report::{Entry, Status, earlier};
 use crate::console::args::{not_negative, threads};
 use crate::console::progress::Style;
-use crate::console::{Paths, Verbosity, Verdict, print, say};
+use crate::console::{Paths, Size, Verbosity, Verdict, print, say};
 use crate::film::atomic;
-use crate::console::Size;
 use crate::job::RenderRequest;
 use crate::render::StopReason;
 use crate::render::checkpoint::Earlier;

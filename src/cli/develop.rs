@@ -4,11 +4,11 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use crate::cli::flag_values::check_ending;
-use crate::job::ViewOptions;
+use crate::cli::options::check_ending;
 use crate::console::{Paths, Verbosity, Verdict, say};
 use crate::film::denoise::DENOISED;
 use crate::film::{Exposure, Look, Picture, ViewTransform, atomic, exr_file, preview};
+use crate::job::ViewOptions;
 use crate::render::checkpoint::text;
 use crate::{Error, Result};
 

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf, absolute};
 
 use clap::{Args, Subcommand, ValueEnum};
 
-use super::flag_values::{has_ending, reason};
+use super::options::{has_ending, reason};
 use super::render::{self, command};
 use crate::batch::frames::{Sequence, split};
 use crate::batch::job::Job;
@@ -282,7 +282,7 @@ fn check_folder(plan: &Plan) -> Result<Claim> {
     let claim = claim(&path)?;
     let Ok(earlier) = Plan::read(&path) else { return Ok(claim) };
     let other_folder = "give this one another with --folder";
-    if !earlier.input.is_empty() && earlier.input != plan.input {
+    if earlier.input != plan.input {
         return Err(Error::CannotCreate(format!("{folder}: the farm of {}: {other_folder}", earlier.input)));
     }
     let submitted = Submitted::read(&plan.folder).unwrap_or_default();

@@ -9,9 +9,9 @@ use clap::Args;
 use serde::Serialize;
 
 use crate::Result;
-use crate::job::SceneSelection;
 use crate::console::{Verdict, print, print_json};
 use crate::integrator::PreparedScene;
+use crate::job::SceneSelection;
 use crate::job::memory::{self, Need};
 use crate::job::size;
 use crate::rays::Backend;

@@ -8,12 +8,12 @@ use clap::Args;
 
 use crate::batch::frames::Frames;
 use crate::batch::numbering::numbered;
-use crate::job::ViewOptions;
 use crate::console::args::wait;
 use crate::console::{Paths, Verbosity, Verdict, say};
 use crate::farm::PathMapping;
 use crate::film::exr_file::HeaderValue;
 use crate::film::{Exposure, Look, ViewTransform, colors, preview};
+use crate::job::ViewOptions;
 use crate::job::claim_output;
 use crate::job::memory;
 use crate::render::merge::{memory_bytes, merge};

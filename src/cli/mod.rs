@@ -6,13 +6,13 @@ mod check;
 mod compare;
 mod develop;
 mod farm;
-pub mod flag_values;
 pub mod in_memory;
 mod inspect;
 mod labels;
 mod look;
 mod merge;
 mod movie;
+pub mod options;
 mod render;
 mod study;
 

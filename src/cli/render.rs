@@ -14,7 +14,7 @@ use tracing::info;
 
 pub use args::RenderArgs;
 
-use super::flag_values::{Options, parse};
+use super::options::{Options, parse};
 use crate::Result;
 use crate::console::{Paths, Reporter, Signals, Verbosity, Verdict, host, progress, say};
 use crate::film::atomic;
@@ -105,8 +105,7 @@ mod tests {
     #[test]
     fn a_request_by_default_is_the_command_without_flags() {
         let plain = request(Path::new("a.glb"), &[]).unwrap();
-        let default =
-            RenderRequest { scene: "a.glb".into(), output: "a.exr".into(), ..RenderRequest::default() };
+        let default = RenderRequest { scene: "a.glb".into(), output: "a.exr".into(), ..RenderRequest::default() };
         assert_eq!(format!("{plain:#?}"), format!("{default:#?}"));
     }
 }

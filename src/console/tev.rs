@@ -1,7 +1,7 @@
 //! Shows a render in progress in the viewer tev (github.com/Tom94/tev), by its network protocol.
 
-use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpStream, ToSocketAddrs};
 use std::fmt::{self, Display};
+use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpStream, ToSocketAddrs};
 use std::str::FromStr;
 use std::time::Duration;
 

@@ -21,13 +21,11 @@ pub struct Plan {
     pub name: String,
     /// Folder of scripts, logs and parts; absolute.
     pub folder: PathBuf,
-    /// The batch file or scene that was submitted; absolute. Empty in plans of earlier versions.
-    #[serde(default, skip_serializing_if = "String::is_empty")]
+    /// The batch file or scene that was submitted; absolute.
     pub input: String,
     /// Number of parts of every picture.
     pub parts: u32,
     /// Whether a task that ran out of memory is run again, once, with 1.5 times as much.
-    #[serde(default)]
     pub retries_memory: bool,
     /// Renders of pictures or parts; all can run at the same time.
     pub tasks: Vec<Task>,
@@ -47,7 +45,6 @@ pub struct Task {
     /// Absolute path of the file; for frames, with a placeholder for the number.
     pub output: PathBuf,
     /// Frames of a sequence.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frames: Option<Frames>,
 }
 
@@ -61,7 +58,6 @@ pub struct Merge {
     /// Absolute path of the file; for frames, with a placeholder for the number.
     pub output: PathBuf,
     /// Frames of a sequence.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frames: Option<Frames>,
     /// Index of the first and of the last task that it depends on.
     pub tasks: (usize, usize),
@@ -74,7 +70,7 @@ const WAIT_SECONDS: &str = "60";
 /// Flags for the merged picture, not for its parts.
 const FLAGS_OF_MERGE: [&str; 5] = ["preview", "view", "view-space", "exposure", "stats"];
 /// Version of the plan's format. Plans of other versions are not run.
-const SCHEMA: u32 = 1;
+const SCHEMA: u32 = 2;
 /// File name of the plan in its folder.
 pub const PLAN: &str = "farm.json";
 
@@ -127,10 +123,8 @@ impl Plan {
             _ => None,
         };
         let request = &render.request;
-        let (of_merge, of_tasks): (Vec<_>, Vec<_>) = request
-            .flags()?
-            .into_iter()
-            .partition(|(name, _)| parts > 1 && FLAGS_OF_MERGE.contains(&name.as_str()));
+        let (of_merge, of_tasks): (Vec<_>, Vec<_>) =
+            request.flags()?.into_iter().partition(|(name, _)| parts > 1 && FLAGS_OF_MERGE.contains(&name.as_str()));
         let checkpoints = request.checkpoint.is_some();
         for part in 1..=parts {
             let output = match parts {
@@ -317,7 +311,7 @@ pub(crate) mod tests {
             std::fs::write(&path, serde_json::to_string(&Plan { schema, ..plan(2) }).unwrap()).unwrap();
             Plan::read(&path)
         };
-        assert_eq!(read(1).unwrap(), plan(2));
+        assert_eq!(read(SCHEMA).unwrap(), plan(2));
         let refused = read(99).unwrap_err();
         assert!(refused.exit_code() == 65 && refused.to_string().contains("format 99"), "{refused}");
     }

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use serde_json::{Map, Value};
 
-use super::request::RenderRequest;
+use super::request::{RenderRequest, of_flags};
 use crate::Result;
 use crate::film::exr_file::Header;
 use crate::render::checkpoint::{json, text};
@@ -69,7 +69,10 @@ impl RenderRequest {
             return Err(format!("this version has no '{unknown}', which its header names"));
         }
         let request: Self = serde_json::from_value(Value::Object(entries)).map_err(|e| format!("its header: {e}"))?;
-        Ok(Some(request.of_picture()))
+        // Its values must be those that the command line takes.
+        let flags = request.of_picture().arguments().map_err(|e| e.to_string())?;
+        let checked = of_flags(flags).map_err(|e| format!("its command cannot be run: {e}"))?;
+        Ok(Some(Self { scene: request.scene, ..checked.of_picture() }))
     }
 }
 

@@ -30,6 +30,6 @@ pub use request::{RenderRequest, argument, claim_output};
 pub use selection::SceneSelection;
 pub use session::{Done, Session};
 pub use settings::{DEFAULT_SIZE, settings, size};
-pub use values::{LightUnit, OnOff, Preset, TechniqueOptions};
-pub use view::ViewOptions;
 pub(crate) use stats::write_json;
+pub use values::{FlagValue, LightUnit, OnOff, Preset, TechniqueOptions, value_of};
+pub use view::ViewOptions;

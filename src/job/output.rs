@@ -155,12 +155,7 @@ impl<'a> OutputWriter<'a> {
         if !self.denoised.borrow().is_empty() {
             return develop_file(self.request, &self.view, path, rendered.background, &mark).map(drop);
         }
-        preview::write(
-            path,
-            &rendered.pixels(),
-            &Look { view: self.view.clone(), exposure: stats.exposure },
-            &mark,
-        )
+        preview::write(path, &rendered.pixels(), &Look { view: self.view.clone(), exposure: stats.exposure }, &mark)
     }
 
     fn add_write_seconds(&self, start: Instant) {

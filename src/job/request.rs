@@ -10,8 +10,8 @@ use serde_json::{Map, Value};
 use super::memory::parse_size;
 use super::selection::SceneSelection;
 use super::values::{
-    LightUnit, OnOff, Preset, TechniqueOptions, aov_list, balance, blades, crop, env_strength, finite, light_radius, preset,
-    share, sun_angle, value_of,
+    LightUnit, OnOff, Preset, TechniqueOptions, aov_list, balance, blades, crop, env_strength, finite, light_radius,
+    preset, share, sun_angle, value_of,
 };
 use super::view::ViewOptions;
 use super::wire;
@@ -21,12 +21,13 @@ use crate::console::{Paths, Size, tev};
 use crate::film::lock::{Claim, claim};
 use crate::film::lut::is_lut;
 use crate::film::{Aov, Denoise, Exposure, atomic};
+use crate::integrator::data::dimensions::MAX_SEGMENTS;
 use crate::rays::Backend;
 use crate::render::identity::RequestedOutputs;
 use crate::render::lens::{Aperture, Focus, LensSettings};
 use crate::render::{
-    BackFaces, Balance, Choice, Choices, GlassShadows, Ground, Integrator, LightGroups, Part, PixelFilter, RenderSettings,
-    Technique,
+    BackFaces, Balance, Choice, Choices, GlassShadows, Ground, Integrator, LightGroups, Part, PixelFilter,
+    RenderSettings, Technique,
 };
 use crate::sampling::frame_seed;
 use crate::scene::import::{ImportOptions, Views};
@@ -165,7 +166,7 @@ pub struct RenderRequest {
     pub integrator: Integrator,
     /// Largest number of segments of a path: 1 is emission only, 2 adds direct light. Mirror-like bounces at smooth glass are
     /// not counted.
-    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..),
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_SEGMENTS)),
         help_heading = "Sampling")]
     pub max_depth: u32,
     /// Stop at this many paths per pixel.
@@ -313,15 +314,14 @@ pub struct RenderRequest {
 impl Default for RenderRequest {
     fn default() -> Self {
         static DEFAULT: OnceLock<RenderRequest> = OnceLock::new();
-        DEFAULT.get_or_init(|| parsed(None)).clone()
+        DEFAULT.get_or_init(|| of_flags(None).expect("each flag is optional")).clone()
     }
 }
 
-/// The request by at most one flag.
-fn parsed(flag: Option<String>) -> RenderRequest {
+/// The request of these flags.
+pub(super) fn of_flags(flags: impl IntoIterator<Item = String>) -> std::result::Result<RenderRequest, clap::Error> {
     let command = RenderRequest::augment_args(Command::new("render")).no_binary_name(true);
-    let matches = command.try_get_matches_from(flag);
-    matches.and_then(|matches| RenderRequest::from_arg_matches(&matches)).expect("each flag is optional")
+    command.try_get_matches_from(flags).and_then(|matches| RenderRequest::from_arg_matches(&matches))
 }
 
 impl RenderRequest {
@@ -437,8 +437,7 @@ impl RenderRequest {
         // Cameras around the scene, and moving ones, share one import.
         let by_camera = self.orbit.is_none() && self.placed.is_none() && !self.selection.is_posed();
         let size = self.size.filter(|_| self.preset == Some(Preset::Thumbnail) && by_camera);
-        let of_camera =
-            |size: Size| Views { size: [size.0, size.1], orbits: Vec::new(), camera: self.camera.clone() };
+        let of_camera = |size: Size| Views { size: [size.0, size.1], orbits: Vec::new(), camera: self.camera.clone() };
         self.views.clone().or(size.map(of_camera))
     }
 
@@ -538,7 +537,8 @@ impl RenderRequest {
     /// # Errors
     /// [`Error::Usage`] for a path that is not UTF-8.
     pub fn flags(&self) -> Result<Vec<(String, Option<String>)>> {
-        let plain = parsed(self.preset.map(|preset| format!("--preset={}", preset.name()))).json()?;
+        let preset = self.preset.map(|preset| format!("--preset={}", preset.name()));
+        let plain = of_flags(preset).map_err(|e| Error::Bug(e.to_string()))?.json()?;
         let mut flags = Vec::new();
         for (name, value) in self.json()? {
             let usual = &plain[&name];

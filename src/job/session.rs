@@ -236,12 +236,8 @@ impl Session<'_> {
             let (part, lights) = (request.part.is_some(), &loaded.prepared.scene.lights);
             warnings::black_picture(output, &rendered, part, lights, request.light_unit);
         }
-        let mut stats = writer.write_final(
-            &rendered,
-            interrupted || resumable || request.part.is_some(),
-            self.began,
-            stop,
-        )?;
+        let mut stats =
+            writer.write_final(&rendered, interrupted || resumable || request.part.is_some(), self.began, stop)?;
         if interrupted {
             checkpoints.saved();
             return Err(self.interrupted(&rendered));

@@ -71,7 +71,7 @@ fn path_reuse(text: &str) -> Parsed<(Choice, Option<Reuse>)> {
 
 impl TechniqueOptions {
     fn flag(technique: Technique) -> Arg {
-        let Row { flag, about, unnamed, is_switch, .. } = *technique.row();
+        let Row { flag, about, even, is_switch, .. } = *technique.row();
         let names = Choice::ALL.map(|choice| {
             let value = PossibleValue::new(choice.name()).help(choice.help());
             match choice {
@@ -93,7 +93,7 @@ impl TechniqueOptions {
             Technique::PathReuse => arg.value_name("WHEN|N[:M]").value_parser(path_reuse),
             _ => arg.value_name("WHEN").value_parser(parser),
         };
-        let arg = if unnamed == Choice::Off { arg.default_value_if("preset", "thumbnail", "off") } else { arg };
+        let arg = if even == Choice::Off { arg.default_value_if("preset", "thumbnail", "off") } else { arg };
         match is_switch {
             true => arg.num_args(0..=1).require_equals(true).default_missing_value(Choice::On.name()),
             false => arg,

@@ -54,17 +54,6 @@ pub enum BackFaces {
 
 bismar_scene::named_variants! { BackFaces { Cull = "cull", Show = "show" } }
 
-impl BackFaces {
-    /// What renders did before there was a choice.
-    fn before() -> Self {
-        Self::Show
-    }
-
-    fn is_before(&self) -> bool {
-        *self == Self::before()
-    }
-}
-
 /// What shadow rays do at bodies of smooth glass ([`glass_shadows`](crate::integrator::through::glass_shadows)).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -105,7 +94,7 @@ pub struct RenderSettings {
     pub crop: Option<[u32; 4]>,
     /// The light transport.
     pub integrator: Integrator,
-    /// Maximum segments of a path, ≥ 1: 1 is emission alone, 2 adds direct light. Mirror-like bounces at smooth glass are not
+    /// Maximum segments of a path, 1 to [`MAX_SEGMENTS`](crate::integrator::data::dimensions::MAX_SEGMENTS): 1 is emission alone, 2 adds direct light. Mirror-like bounces at smooth glass are not
     /// counted ([`RayHistory`](crate::integrator::data::history::RayHistory)).
     pub max_depth: u32,
     /// Stop at this number of paths per pixel, ≥ 1.
@@ -125,7 +114,6 @@ pub struct RenderSettings {
     #[serde(flatten)]
     pub techniques: Choices,
     /// Maximum bytes of guiding; `None`: [`GUIDING_MEMORY`].
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub guiding_memory: Option<u64>,
     /// Seed of every random choice.
     pub seed: u32,
@@ -143,32 +131,21 @@ pub struct RenderSettings {
     /// Hide the environment where the camera sees it directly. It still lights the scene.
     pub transparent: bool,
     /// The camera's lens; `None`: a pinhole.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub lens: Option<LensSettings>,
-    /// Back faces of single-sided materials. Absent in files where they are shown.
-    #[serde(default = "BackFaces::before", skip_serializing_if = "BackFaces::is_before")]
+    /// Back faces of single-sided materials.
     pub back_faces: BackFaces,
     /// What shadow rays do at bodies of smooth glass.
-    #[serde(default, skip_serializing_if = "is_default")]
     pub glass_shadows: GlassShadows,
     /// Sizes of groups where path re-use is on; `None`: the usual ones.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reuse_sizes: Option<Reuse>,
     /// Does the camera see only what lies between its clipping planes?
-    #[serde(default = "yes", skip_serializing_if = "Clone::clone")]
     pub clip: bool,
     /// What lies below the scene.
-    #[serde(default, skip_serializing_if = "is_default")]
     pub ground: Ground,
     /// Groups of lights, by name or kind, by which the AOV `lights` divides the beauty.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub light_groups: Option<LightGroups>,
     /// Render only this part of the tiles.
     pub part: Option<Part>,
-}
-
-fn yes() -> bool {
-    true
 }
 
 /// Options of a render that only studies use. They are not stored in files.
@@ -188,14 +165,10 @@ pub const MAX_SIDE: u32 = 1 << 16;
 /// Expected paths per pixel of a render whose end is not known.
 const UNKNOWN_SPP: u32 = 128;
 
-fn is_default<T: Default + PartialEq>(value: &T) -> bool {
-    *value == T::default()
-}
-
 impl RenderSettings {
     /// The defaults, but all pixels get the same number of paths, and none is guided.
     pub fn even() -> Self {
-        Self { techniques: Choices::unnamed(), ..Self::default() }
+        Self { techniques: Choices::even(), ..Self::default() }
     }
 
     /// The same with this choice.
@@ -204,8 +177,7 @@ impl RenderSettings {
         self
     }
 
-    /// Named values that the bits of a picture depend on. Settings with the value that existed before they could be set are left
-    /// out.
+    /// Named values that the bits of a picture depend on.
     pub fn bits(&self) -> Values {
         // Exhaustive: a new setting must say here whether bits depend on it.
         let RenderSettings {
@@ -243,6 +215,7 @@ impl RenderSettings {
         } = self;
         let mut values = Values::new();
         let mut insert = |name: &str, value: String| values.insert(name.into(), value);
+        let limit = |limit: &Option<f64>| limit.map_or("none".into(), |limit| limit.to_string());
         insert("camera", camera.to_string());
         insert("size", format!("{width}x{height}"));
         insert("crop", crop.map_or("none".into(), |c| c.map(|x| x.to_string()).join(",")));
@@ -252,27 +225,20 @@ impl RenderSettings {
         insert("filter", variant_name(filter));
         insert("seed", seed.to_string());
         insert("sums for AOVs", aovs.to_string());
-        let with_defaults = [
-            ("clamp-direct", clamp_direct.map(|limit| limit.to_string())),
-            ("clamp-indirect", clamp_indirect.map(|limit| limit.to_string())),
-            ("more sums for AOVs", extras.then(|| "true".into())),
-            ("transparent", transparent.then(|| "true".into())),
-            ("lens", lens.map(|lens| lens.to_string())),
-            ("clip", (!*clip).then(|| "false".into())),
-            ("back-faces", (*back_faces != BackFaces::Show).then(|| variant_name(back_faces))),
-            ("glass-shadows", (*glass_shadows != GlassShadows::Off).then(|| variant_name(glass_shadows))),
-            ("path-reuse sizes", reuse_sizes.map(|sizes| sizes.to_string())),
-            ("ground", (*ground != Ground::None).then(|| variant_name(ground))),
-            ("light-groups", light_groups.clone().map(String::from)),
-        ];
-        for (name, value) in with_defaults {
-            if let Some(value) = value {
-                insert(name, value);
-            }
-        }
-        // The rules, not what they led to: that follows from them. Left out where earlier builds had no choice.
-        for (technique, choice) in techniques.named() {
-            insert(technique.row().flag, choice.as_str().unwrap_or("true").into());
+        insert("more sums for AOVs", extras.to_string());
+        insert("clamp-direct", limit(clamp_direct));
+        insert("clamp-indirect", limit(clamp_indirect));
+        insert("transparent", transparent.to_string());
+        insert("lens", lens.map_or("pinhole".into(), |lens| lens.to_string()));
+        insert("clip", clip.to_string());
+        insert("back-faces", variant_name(back_faces));
+        insert("glass-shadows", variant_name(glass_shadows));
+        insert("path-reuse sizes", reuse_sizes.map_or("usual".into(), |sizes| sizes.to_string()));
+        insert("ground", variant_name(ground));
+        insert("light-groups", light_groups.clone().map_or("none".into(), String::from));
+        // The rules, not what they led to: that follows from them.
+        for (technique, choice) in techniques.iter() {
+            insert(technique.row().flag, choice.name().into());
         }
         if techniques[Technique::Guiding] != Choice::Off {
             insert("guiding-memory", guiding_memory.unwrap_or(GUIDING_MEMORY).to_string());
@@ -326,7 +292,7 @@ impl RenderSettings {
             _ if self.noise.is_some() && !row.suits_noise_goal => {
                 Some("a noise goal gives each tile what it needs".into())
             }
-            Choice::Auto if row.unnamed == Choice::Auto && !self.balance.method().uses_prepasses() => {
+            Choice::Auto if row.even == Choice::Auto && !self.balance.method().uses_prepasses() => {
                 Some(format!("--balance {} uses it where it is on", self.balance.name()))
             }
             Choice::Auto => few(auto),

@@ -9,7 +9,7 @@ use clap::{ArgAction, Command, FromArgMatches, ValueHint};
 
 use crate::batch::file::{self, Flag, JobText, split_all};
 use crate::batch::job::Job;
-use crate::cli::flag_values::reason;
+use crate::cli::options::reason;
 use crate::cli::render::{RenderArgs, command};
 use crate::console::Paths;
 use crate::render::Technique;
@@ -46,7 +46,7 @@ pub fn read(path: &Path) -> Result<Vec<Job>> {
                 _ if name == "size" => Flag::List('x'),
                 _ if ["aov", "crop", "frames", "orbit", "sunsky"].contains(&name.as_str()) => Flag::List(','),
                 _ if name == "seed-per-frame" => Flag::Choice,
-                _ if Technique::of_flag(&name).is_some() => Flag::Mode,
+                _ if Technique::ALL.iter().any(|technique| technique.row().flag == name) => Flag::Mode,
                 _ if ["env", "cameras"].contains(&name.as_str()) => Flag::Input,
                 _ if arg.get_value_hint() == ValueHint::AnyPath => Flag::File,
                 _ => Flag::Value,
@@ -84,9 +84,8 @@ pub fn plan(file: Option<&Path>, jobs: &[Job]) -> Result<(Vec<Job>, Paths)> {
 /// Parses a job's flags as `bismar render` would.
 fn parse(file: &Path, command: &Command, text: JobText) -> Result<Job> {
     let JobText { name, scene, output, flags, location } = text;
-    let wrong = |key: Option<&str>, why: &str| {
-        Error::Config(format!("{}: job '{name}': {why}", location.text(file, key)))
-    };
+    let wrong =
+        |key: Option<&str>, why: &str| Error::Config(format!("{}: job '{name}': {why}", location.text(file, key)));
     let line = [OsString::from("render"), scene.into()].into_iter().chain(flags.into_iter().map(OsString::from));
     let matches = command.clone().try_get_matches_from(line);
     let mut args = matches.and_then(|matches| RenderArgs::from_arg_matches(&matches)).map_err(|e| {
@@ -153,7 +152,10 @@ mod tests {
         ] {
             let error = jobs(text).unwrap_err();
             let (exit_code, why) = (error.exit_code(), error.to_string());
-            assert!(exit_code == 78 && why.contains(&format!("b.toml:{place}")) && why.contains(words), "{text}: {why}");
+            assert!(
+                exit_code == 78 && why.contains(&format!("b.toml:{place}")) && why.contains(words),
+                "{text}: {why}"
+            );
         }
     }
 }

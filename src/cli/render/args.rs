@@ -10,7 +10,7 @@ use crate::batch::frames::{Frames, Sequence};
 use crate::batch::job::Job;
 use crate::batch::numbering::numbered;
 use crate::batch::views::{self, MAX_VIEWS};
-use crate::cli::flag_values::check_ending;
+use crate::cli::options::check_ending;
 use crate::console::progress::Style;
 use crate::farm::PathMapping;
 use crate::film::denoise::Denoiser;
