@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 
 use toml::de::{DeTable, DeValue};
 
-use super::frames::split;
 use super::job::{Job, Location, SourceLocation};
 use super::numbering::with_placeholder;
+use super::split::split;
 pub use super::values::Flag;
 use super::values::{FileResult, Reader, Setting, settings, sorted};
 use crate::film::lut::is_lut;

@@ -7,9 +7,6 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
-use super::job::Job;
-use super::views;
-
 /// Frame numbers in the order in which they are rendered; at least one, none twice. Text form: `1-240x2,250`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(into = "String", try_from = "String")]
@@ -129,25 +126,6 @@ pub enum Sequence {
     Turntable(u32),
     /// The cameras of a file.
     Cameras(PathBuf),
-}
-
-/// Splits a sequence into one job per picture; returns other jobs unchanged.
-///
-/// # Errors
-/// A key and what is wrong with it.
-pub fn split(job: &Job) -> Result<Vec<Job>, (String, String)> {
-    let one = |&frame: &u32| {
-        let mut one = job.numbered(frame, "frames", false)?;
-        one.request.selection.frame = Some(frame.into());
-        one.request.seed_per_frame.get_or_insert(true);
-        Ok(one)
-    };
-    match &job.sequence {
-        None => Ok(vec![job.clone()]),
-        Some(Sequence::Frames(frames)) => frames.numbers().iter().map(one).collect(),
-        Some(Sequence::Turntable(count)) => views::turntable(job, *count),
-        Some(Sequence::Cameras(file)) => views::of_file(job, file),
-    }
 }
 
 #[cfg(test)]

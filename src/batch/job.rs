@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::frames::Sequence;
 use super::numbering::{numbered, numbered_name, with_placeholder};
-use crate::job::{RenderRequest, wire};
+use crate::job::RenderRequest;
 
 /// One picture, or a sequence of pictures.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
@@ -15,7 +15,7 @@ pub struct Job {
     /// Name, unique in its batch.
     pub name: String,
     /// What is asked for; of a sequence, what its pictures have in common. Paths are resolved.
-    #[serde(serialize_with = "wire::request")]
+    #[serde(serialize_with = "RenderRequest::serialize_entries")]
     pub request: RenderRequest,
     /// What makes it many pictures.
     #[serde(skip)]

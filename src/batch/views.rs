@@ -380,7 +380,8 @@ pub fn axis_cosines(picture: &Path) -> Result<Vec<f32>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::batch::frames::{Sequence, split};
+    use crate::batch::frames::Sequence;
+    use crate::batch::split::split;
     use crate::job::RenderRequest;
 
     #[test]

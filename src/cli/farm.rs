@@ -13,9 +13,10 @@ use clap::{Args, Subcommand, ValueEnum};
 
 use super::options::{has_ending, reason};
 use super::render::{self, command};
-use crate::batch::frames::{Sequence, split};
+use crate::batch::frames::Sequence;
 use crate::batch::job::Job;
 use crate::batch::numbering::with_placeholder;
+use crate::batch::split::split;
 use crate::cli::batch;
 use crate::console::{Verdict, print, print_json, say};
 use crate::farm::sessions::{Sessions, record_path};

@@ -258,7 +258,11 @@ fn text(
 }
 
 fn hides(share: f32) -> String {
-    if share > clipped::TOLD { format!(", hides {:.0} % of what is in view", 100.0 * share) } else { String::new() }
+    if share > clipped::MIN_HIDDEN_SHARE {
+        format!(", hides {:.0} % of what is in view", 100.0 * share)
+    } else {
+        String::new()
+    }
 }
 
 fn notes(notes: &[Note]) -> Vec<Vec<String>> {

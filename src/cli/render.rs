@@ -104,7 +104,7 @@ mod tests {
 
     #[test]
     fn a_request_by_default_is_the_command_without_flags() {
-        let plain = request(Path::new("a.glb"), &[]).unwrap();
+        let plain = request(Path::new("a.glb"), &Options::new()).unwrap();
         let default = RenderRequest { scene: "a.glb".into(), output: "a.exr".into(), ..RenderRequest::default() };
         assert_eq!(format!("{plain:#?}"), format!("{default:#?}"));
     }

@@ -1,20 +1,20 @@
-//! What is asked for: one picture.
+//! What is asked for: one picture. `values` and `wire` have its values as texts and as JSON, `json`
+//! has all of it as JSON, as flags and in pictures.
+
+mod json;
+mod selection;
+mod values;
+mod view;
+mod wire;
 
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 use clap::{Args, Command, FromArgMatches};
 use serde::{Deserialize, Serialize};
-use serde_json::{Map, Value};
 
 use super::memory::parse_size;
-use super::selection::SceneSelection;
-use super::values::{
-    LightUnit, OnOff, Preset, TechniqueOptions, aov_list, balance, blades, crop, env_strength, finite, light_radius,
-    preset, share, sun_angle, value_of,
-};
-use super::view::ViewOptions;
-use super::wire;
+use crate::Result;
 use crate::color::ColorSpace;
 use crate::console::args::{positive, seconds, threads};
 use crate::console::{Paths, Size, tev};
@@ -26,13 +26,17 @@ use crate::rays::Backend;
 use crate::render::identity::RequestedOutputs;
 use crate::render::lens::{Aperture, Focus, LensSettings};
 use crate::render::{
-    BackFaces, Balance, Choice, Choices, GlassShadows, Ground, Integrator, LightGroups, Part, PixelFilter,
-    RenderSettings, Technique,
+    BackFaces, Balance, Choices, GlassShadows, Ground, Integrator, LightGroups, Part, PixelFilter, RenderSettings,
+    Technique,
 };
 use crate::sampling::frame_seed;
 use crate::scene::import::{ImportOptions, Views};
 use crate::scene::{ClearSky, Framing, Orbit, PlacedCamera};
-use crate::{Error, Result};
+pub use json::argument;
+pub use selection::SceneSelection;
+pub use values::{LightUnit, OnOff, Preset, TechniqueOptions, value_of};
+use values::{aov_list, balance, blades, crop, env_strength, finite, light_radius, preset, share, sun_angle};
+pub use view::ViewOptions;
 
 /// A request to render one picture: the flags of `bismar render` that concern it, with their help, and the fields of batch files,
 /// Python and headers. The default is the command without a flag. As JSON, names and values are those of flags.
@@ -159,7 +163,7 @@ pub struct RenderRequest {
     pub no_env: bool,
     /// Compensate the energy that microfacet models with a single scattering lose on rough surfaces, up to 69 % for rough
     /// metals. Off: the letter of glTF 2.0, appendix B, as Mitsuba's principled BSDF.
-    #[arg(long, value_enum, default_value_t = OnOff::On, value_name = "WHEN", help_heading = "Sampling")]
+    #[arg(long, value_parser = value_of::<OnOff>(), default_value = OnOff::On.name(), value_name = "WHEN", help_heading = "Sampling")]
     pub energy_compensation: OnOff,
     /// Light transport to simulate.
     #[arg(long, value_parser = value_of::<Integrator>(), default_value = Integrator::Path.name(), help_heading = "Sampling")]
@@ -319,7 +323,7 @@ impl Default for RenderRequest {
 }
 
 /// The request of these flags.
-pub(super) fn of_flags(flags: impl IntoIterator<Item = String>) -> std::result::Result<RenderRequest, clap::Error> {
+fn of_flags(flags: impl IntoIterator<Item = String>) -> std::result::Result<RenderRequest, clap::Error> {
     let command = RenderRequest::augment_args(Command::new("render")).no_binary_name(true);
     command.try_get_matches_from(flags).and_then(|matches| RenderRequest::from_arg_matches(&matches))
 }
@@ -392,44 +396,6 @@ impl RenderRequest {
             part: self.part,
             ..plain
         }
-    }
-
-    /// Checks what options ask of each other. `has_frames`: it is what the frames of a sequence have in common.
-    ///
-    /// # Errors
-    /// [`Error::Usage`].
-    pub fn check(&self, has_frames: bool) -> Result<()> {
-        let wrong = |why: String| Err(Error::Usage(why));
-        let name = self.balance.name();
-        match (self.balance.method().needs_goal(), self.spp, self.pilot) {
-            (true, None, _) => {
-                let why = "its pilot is a share of all samples, so their number must be known in advance";
-                return wrong(format!("--balance {name} needs --spp: {why}"));
-            }
-            (false, _, Some(_)) => {
-                let with_pilot = Balance::all().iter().filter(|b| b.method().needs_goal()).map(|b| b.name());
-                let with_pilot = with_pilot.collect::<Vec<_>>().join(" or ");
-                return wrong(format!(
-                    "--pilot needs --balance {with_pilot}; {name} has no pilot whose size can be set"
-                ));
-            }
-            _ => {}
-        }
-        let on = |technique: &Technique| self.techniques.choices[*technique] == Some(Choice::On);
-        let refused = Technique::ALL.iter().find(|it| self.noise.is_some() && on(it) && !it.row().suits_noise_goal);
-        if let Some(refused) = refused {
-            let flag = refused.row().flag;
-            return wrong(format!(
-                "--{flag} cannot be used with --noise, which gives each tile the paths that it needs"
-            ));
-        }
-        if self.seed_per_frame == Some(true) && !has_frames && self.selection.frame.is_none() {
-            return wrong("--seed-per-frame needs a frame: --frames or --frame".into());
-        }
-        // `--aov all` leaves out what cannot be written.
-        let velocity = self.aov.len() < Aov::ALL.len() && self.aov.contains(&Aov::Velocity);
-        self.selection.check(has_frames || self.selection.is_posed(), velocity, self.rays)?;
-        self.view.check()
     }
 
     /// All that is to be seen of the scene, if pictures are not to be decoded finer.
@@ -510,66 +476,6 @@ impl RenderRequest {
         Ok(())
     }
 
-    /// As JSON: names and values of flags.
-    ///
-    /// # Errors
-    /// [`Error::Bug`].
-    pub fn json(&self) -> Result<Map<String, Value>> {
-        match serde_json::to_value(self) {
-            Ok(Value::Object(entries)) => Ok(entries),
-            other => Err(Error::Bug(format!("a request as JSON: {other:?}"))),
-        }
-    }
-
-    /// The same without what the command without a flag has.
-    ///
-    /// # Errors
-    /// [`Error::Bug`].
-    pub fn entries(&self) -> Result<Map<String, Value>> {
-        static PLAIN: OnceLock<Map<String, Value>> = OnceLock::new();
-        let plain = PLAIN.get_or_init(|| Self::default().json().unwrap_or_default());
-        Ok(self.json()?.into_iter().filter(|(name, value)| plain.get(name) != Some(value)).collect())
-    }
-
-    /// The flags of `bismar render` that ask for the same, but for scene and output: names without dashes, and values; `None` for
-    /// switches.
-    ///
-    /// # Errors
-    /// [`Error::Usage`] for a path that is not UTF-8.
-    pub fn flags(&self) -> Result<Vec<(String, Option<String>)>> {
-        let preset = self.preset.map(|preset| format!("--preset={}", preset.name()));
-        let plain = of_flags(preset).map_err(|e| Error::Bug(e.to_string()))?.json()?;
-        let mut flags = Vec::new();
-        for (name, value) in self.json()? {
-            let usual = &plain[&name];
-            if value == *usual && name != "preset" || ["scene", "output"].contains(&name.as_str()) {
-                continue;
-            }
-            let text = |value: &Value| match value {
-                Value::String(text) => Ok(text.clone()),
-                Value::Number(number) if number.is_f64() => Ok(number.as_f64().unwrap_or_default().to_string()),
-                Value::Object(_) => Err(Error::Usage(format!("{name}: a name is not UTF-8: rename the file"))),
-                other => Ok(other.to_string()),
-            };
-            let value = match &value {
-                Value::Null => continue,
-                Value::Bool(true) => None,
-                Value::Array(items) => Some(items.iter().map(text).collect::<Result<Vec<_>>>()?.join(",")),
-                other => Some(text(other)?),
-            };
-            flags.push((name, value));
-        }
-        Ok(flags)
-    }
-
-    /// The same as arguments: `--name=value`, `--name`.
-    ///
-    /// # Errors
-    /// Those of [`Self::flags`].
-    pub fn arguments(&self) -> Result<Vec<String>> {
-        Ok(self.flags()?.iter().map(argument).collect())
-    }
-
     /// The files that options name.
     pub fn paths_mut(&mut self) -> impl Iterator<Item = &mut PathBuf> {
         let lut = is_lut(&self.view.view).then_some(&mut self.view.view);
@@ -591,11 +497,6 @@ impl RenderRequest {
     }
 }
 
-/// A flag as an argument: `--name=value`, `--name`.
-pub fn argument((name, value): &(String, Option<String>)) -> String {
-    value.as_ref().map_or(format!("--{name}"), |value| format!("--{name}={value}"))
-}
-
 /// Locks one output.
 ///
 /// # Errors
@@ -606,3 +507,6 @@ pub fn claim_output(path: &Path) -> Result<Claim> {
     atomic::sweep(path);
     Ok(claim)
 }
+
+#[cfg(test)]
+mod tests;

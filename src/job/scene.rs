@@ -3,8 +3,7 @@
 use tracing::{debug, warn};
 
 use super::inputs::Files;
-use super::request::RenderRequest;
-use super::values::OnOff;
+use super::request::{OnOff, RenderRequest};
 use crate::Result;
 use crate::scene::import::{NoteKind, SceneFiles};
 use crate::scene::{Environment, Scene};

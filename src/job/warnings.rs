@@ -5,13 +5,12 @@ use std::path::Path;
 
 use tracing::warn;
 
-use super::request::RenderRequest;
-use super::values::LightUnit;
+use super::request::{LightUnit, RenderRequest};
 use crate::color::luminance;
 use crate::integrator::PreparedScene;
 use crate::rays::BackendInfo;
 use crate::render::checkpoint::Host;
-use crate::render::clipped::{TOLD, hidden_share};
+use crate::render::clipped::{MIN_HIDDEN_SHARE, hidden_share};
 use crate::render::goals::learned_alike;
 use crate::render::tile::Tile;
 use crate::render::{BuildInfo, Record, RenderSettings, Rendered, Saved};
@@ -72,7 +71,7 @@ pub fn wide_lens(request: &RenderRequest, radius: f32, focus: f32) {
 pub fn clipped(request: &RenderRequest, scene: &PreparedScene, camera: usize) {
     let camera = &scene.scene.cameras[camera];
     let share = hidden_share(scene, camera);
-    if share > TOLD {
+    if share > MIN_HIDDEN_SHARE {
         warn!(
             "{}: zfar of camera '{}' hides {:.0} % of what is in view; --no-clip shows it",
             request.scene.display(),

@@ -28,57 +28,46 @@ pub(super) fn variant_name(variant: &impl Serialize) -> String {
 /// Default maximum bytes of a guiding field and its training samples.
 pub const GUIDING_MEMORY: u64 = 256 << 20;
 
-/// The light transport.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Integrator {
-    /// Path tracing: emission, direct and indirect light.
-    Path,
-    /// Emission and direct light.
-    Direct,
+bismar_scene::named_variants! {
+    /// The light transport.
+    pub enum Integrator {
+        /// Path tracing: emission, direct and indirect light.
+        Path = "path",
+        /// Emission and direct light.
+        Direct = "direct",
+    }
 }
 
-bismar_scene::named_variants! { Integrator { Path = "path", Direct = "direct" } }
-
-/// What rays from the camera and their mirror images do at back faces of single-sided materials without transmission
-/// ([`back_faces`](crate::integrator::through::back_faces)).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum BackFaces {
-    /// They pass them, as the glTF specification asks.
-    #[default]
-    Cull,
-    /// They see them.
-    Show,
+bismar_scene::named_variants! {
+    /// What rays from the camera and their mirror images do at back faces of single-sided materials without transmission
+    /// ([`back_faces`](crate::integrator::through::back_faces)).
+    pub enum BackFaces {
+        /// Rays from the camera and their mirror images pass them.
+        Cull = "cull",
+        /// They are drawn.
+        Show = "show",
+    }
 }
 
-bismar_scene::named_variants! { BackFaces { Cull = "cull", Show = "show" } }
-
-/// What shadow rays do at bodies of smooth glass ([`glass_shadows`](crate::integrator::through::glass_shadows)).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum GlassShadows {
-    /// They end there. Light behind is found by paths that are refracted.
-    #[default]
-    Off,
-    /// They pass straight, attenuated: an approximation.
-    Straight,
+bismar_scene::named_variants! {
+    /// What shadow rays do at bodies of smooth glass ([`glass_shadows`](crate::integrator::through::glass_shadows)).
+    pub enum GlassShadows {
+        /// Shadow rays end at them; light behind is found by refracted paths.
+        Off = "off",
+        /// Shadow rays pass them straight, dimmed by Fresnel and absorption: approximate.
+        Straight = "straight",
+    }
 }
 
-bismar_scene::named_variants! { GlassShadows { Off = "off", Straight = "straight" } }
-
-/// What lies below the scene.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Ground {
-    /// Nothing.
-    #[default]
-    None,
-    /// A plane that shows shadows alone ([`ground`](crate::integrator::clients::ground)).
-    Shadow,
+bismar_scene::named_variants! {
+    /// What lies below the scene.
+    pub enum Ground {
+        /// Nothing.
+        None = "none",
+        /// A plane that shows shadows alone.
+        Shadow = "shadow",
+    }
 }
-
-bismar_scene::named_variants! { Ground { None = "none", Shadow = "shadow" } }
 
 /// All that the picture's bits depend on besides the scene and the ray library, and when to stop.
 /// [`validate`](Self::validate) checks the ranges.

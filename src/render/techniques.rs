@@ -8,20 +8,17 @@ use serde::de::Error;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use serde_json::Value;
 
-/// Whether a technique is used.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Choice {
-    /// Never.
-    #[default]
-    Off,
-    /// Always.
-    On,
-    /// Where a pre-pass estimates that it pays for its cost.
-    Auto,
+bismar_scene::named_variants! {
+    /// Whether a technique is used.
+    pub enum Choice {
+        /// Never.
+        Off = "off",
+        /// Always.
+        On = "on",
+        /// Where a pre-pass estimates that it pays for its cost.
+        Auto = "auto",
+    }
 }
-
-bismar_scene::named_variants! { Choice { Off = "off", On = "on", Auto = "auto" } }
 
 impl From<bool> for Choice {
     fn from(on: bool) -> Self {

@@ -27,7 +27,7 @@ const NOT_IN_FILES: [&str; 11] = [
     "memory-limit",
     "path-mapping",
     "on-checkpoint",
-    "led",
+    "signals-from-parent",
 ];
 
 /// Reads a batch file; a sequence of frames is one job.

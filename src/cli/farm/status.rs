@@ -9,8 +9,9 @@ use clap::Args;
 use serde_json::{Value, json};
 
 use super::site::{Queue, QueueState};
-use crate::batch::frames::{Sequence, split};
+use crate::batch::frames::Sequence;
 use crate::batch::numbering::{numbered, numbered_name};
+use crate::batch::split::split;
 use crate::cli::render;
 use crate::console::{Verdict, print, print_json};
 use crate::farm::sessions::{HELD, INTERRUPTED, Sessions, record_path};

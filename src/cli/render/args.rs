@@ -66,7 +66,7 @@ pub struct RenderArgs {
     #[arg(long, value_enum, default_value_t = Style::Auto, help_heading = "Output")]
     pub progress: Style,
     /// Ignore signals; the parent process announces them on standard input.
-    #[arg(long = "led", hide = true)]
+    #[arg(long, hide = true)]
     pub signals_from_parent: bool,
 }
 
@@ -184,7 +184,7 @@ impl RenderArgs {
             ("--progress", self.progress != Style::Auto),
             ("--path-mapping", self.path_mapping.is_some()),
             ("--on-checkpoint", on_checkpoint.is_some()),
-            ("--led", self.signals_from_parent),
+            ("--signals-from-parent", self.signals_from_parent),
         ];
         flags.into_iter().find(|(_, is_given)| *is_given).map(|(flag, _)| flag)
     }

@@ -22,8 +22,6 @@ pub mod radiance;
 pub mod stats;
 pub mod view;
 
-use serde::{Deserialize, Serialize};
-
 pub use aov::Aov;
 pub use exposure::Exposure;
 pub use lut::{Lut, LutInput};
@@ -33,12 +31,10 @@ pub use preview::Look;
 pub use stats::{AovSums, ExtraSums, GroundSums, Peak, PixelStats};
 pub use view::{View, ViewTransform};
 
-/// The denoiser of a finished picture.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Denoise {
-    /// Intel's Open Image Denoise, if it is installed.
-    Oidn,
+named_variants! {
+    /// The denoiser of a finished picture.
+    pub enum Denoise {
+        /// Intel Open Image Denoise, if it is installed.
+        Oidn = "oidn",
+    }
 }
-
-named_variants! { Denoise { Oidn = "oidn" } }

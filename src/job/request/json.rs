@@ -1,14 +1,92 @@
-//! The request that a picture was rendered by, in the picture's header: `bismar check` renders it again.
+//! Requests as JSON, as flags, and in the header of their picture, from which `bismar check` renders it again.
 
 use std::path::Path;
+use std::sync::OnceLock;
 
+use serde::ser::Error as _;
+use serde::{Serialize, Serializer};
 use serde_json::{Map, Value};
 
-use super::request::{RenderRequest, of_flags};
-use crate::Result;
+use super::{RenderRequest, of_flags};
 use crate::film::exr_file::Header;
 use crate::render::checkpoint::{json, text};
 use crate::scene::import::STANDARD_INPUT;
+use crate::{Error, Result};
+
+impl RenderRequest {
+    /// As JSON: names and values of flags.
+    ///
+    /// # Errors
+    /// [`Error::Bug`].
+    pub fn json(&self) -> Result<Map<String, Value>> {
+        match serde_json::to_value(self) {
+            Ok(Value::Object(entries)) => Ok(entries),
+            other => Err(Error::Bug(format!("a request as JSON: {other:?}"))),
+        }
+    }
+
+    /// The same without what the command without a flag has.
+    ///
+    /// # Errors
+    /// [`Error::Bug`].
+    pub fn entries(&self) -> Result<Map<String, Value>> {
+        static PLAIN: OnceLock<Map<String, Value>> = OnceLock::new();
+        let plain = PLAIN.get_or_init(|| Self::default().json().unwrap_or_default());
+        Ok(self.json()?.into_iter().filter(|(name, value)| plain.get(name) != Some(value)).collect())
+    }
+
+    /// Serializes [`Self::entries`].
+    ///
+    /// # Errors
+    /// Those of the serializer.
+    pub fn serialize_entries<S: Serializer>(&self, to: S) -> std::result::Result<S::Ok, S::Error> {
+        self.entries().map_err(S::Error::custom)?.serialize(to)
+    }
+
+    /// The flags of `bismar render` that ask for the same, but for scene and output: names without dashes, and values; `None` for
+    /// switches.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] for a path that is not UTF-8.
+    pub fn flags(&self) -> Result<Vec<(String, Option<String>)>> {
+        let preset = self.preset.map(|preset| format!("--preset={}", preset.name()));
+        let plain = of_flags(preset).map_err(|e| Error::Bug(e.to_string()))?.json()?;
+        let mut flags = Vec::new();
+        for (name, value) in self.json()? {
+            let usual = &plain[&name];
+            if value == *usual && name != "preset" || ["scene", "output"].contains(&name.as_str()) {
+                continue;
+            }
+            let text = |value: &Value| match value {
+                Value::String(text) => Ok(text.clone()),
+                Value::Number(number) if number.is_f64() => Ok(number.as_f64().unwrap_or_default().to_string()),
+                Value::Object(_) => Err(Error::Usage(format!("{name}: a name is not UTF-8: rename the file"))),
+                other => Ok(other.to_string()),
+            };
+            let value = match &value {
+                Value::Null => continue,
+                Value::Bool(true) => None,
+                Value::Array(items) => Some(items.iter().map(text).collect::<Result<Vec<_>>>()?.join(",")),
+                other => Some(text(other)?),
+            };
+            flags.push((name, value));
+        }
+        Ok(flags)
+    }
+
+    /// The same as arguments: `--name=value`, `--name`.
+    ///
+    /// # Errors
+    /// Those of [`Self::flags`].
+    pub fn arguments(&self) -> Result<Vec<String>> {
+        Ok(self.flags()?.iter().map(argument).collect())
+    }
+}
+
+/// A flag as an argument: `--name=value`, `--name`.
+pub fn argument((name, value): &(String, Option<String>)) -> String {
+    value.as_ref().map_or(format!("--{name}"), |value| format!("--{name}={value}"))
+}
 
 /// The header attribute: options that decide what is in the picture, by names of flags, as JSON.
 pub const ATTRIBUTE: &str = "bismar.command";

@@ -2,19 +2,16 @@
 
 use std::collections::BTreeMap;
 
+use bismar_scene::Named;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
-use clap::{Arg, ArgMatches, Args, Command, FromArgMatches, ValueEnum};
+use clap::{Arg, ArgMatches, Args, Command, FromArgMatches};
 use serde::de::Error;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-use crate::color::ColorSpace;
-use crate::film::{Aov, Denoise, View};
+use crate::film::Aov;
 use crate::integrator::Reuse;
-use crate::rays::Backend;
 use crate::render::techniques::Row;
-use crate::render::{
-    BackFaces, Balance, Choice, GlassShadows, Ground, Integrator, PerTechnique, PixelFilter, Technique,
-};
+use crate::render::{Balance, Choice, PerTechnique, Technique};
 use crate::scene::{Environment, MAX_RADIUS};
 
 type Parsed<T> = std::result::Result<T, String>;
@@ -33,20 +30,12 @@ pub fn balance() -> impl TypedValueParser<Value = Balance> {
     PossibleValuesParser::new(names).map(|name| Balance::named(&name).expect("one of them"))
 }
 
-/// A library type whose values are the values of a flag.
-pub trait FlagValue: Copy + Send + Sync + 'static {
-    /// All values, in the order of the help text.
-    fn all() -> &'static [Self];
-    /// The value's name on the command line.
-    fn flag_name(self) -> &'static str;
-    /// One line for the help text.
-    fn help(self) -> &'static str;
-}
-
 /// The parser of a flag with such values.
-pub fn value_of<T: FlagValue>() -> impl TypedValueParser<Value = T> {
-    let values = T::all().iter().map(|value| PossibleValue::new(value.flag_name()).help(value.help()));
-    let parse = |name: String| T::all().iter().find(|value| value.flag_name() == name).copied().ok_or("unknown value");
+pub fn value_of<T: Named>() -> impl TypedValueParser<Value = T> {
+    let help = |help: &'static str| help.trim().trim_end_matches('.');
+    let values = T::VALUES.iter().map(|(_, name, about)| PossibleValue::new(*name).help(help(about)));
+    let parse =
+        |text: String| T::VALUES.iter().find(|value| value.1 == text).map(|value| value.0).ok_or("unknown value");
     PossibleValuesParser::new(values).try_map(parse)
 }
 
@@ -72,8 +61,8 @@ fn path_reuse(text: &str) -> Parsed<(Choice, Option<Reuse>)> {
 impl TechniqueOptions {
     fn flag(technique: Technique) -> Arg {
         let Row { flag, about, even, is_switch, .. } = *technique.row();
-        let names = Choice::ALL.map(|choice| {
-            let value = PossibleValue::new(choice.name()).help(choice.help());
+        let names = Choice::VALUES.iter().map(|(choice, name, help)| {
+            let value = PossibleValue::new(*name).help(help.trim().trim_end_matches('.'));
             match choice {
                 // Batch files have true and false.
                 Choice::Off => value.alias("false"),
@@ -151,26 +140,22 @@ impl<'de> Deserialize<'de> for TechniqueOptions {
     }
 }
 
-/// Value of `--preset`: other defaults of some flags. The values are conditional defaults of the request's.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-#[allow(missing_docs, reason = "its flags say what each is")]
-pub enum Preset {
-    Thumbnail,
-    Product,
-    Final,
+bismar_scene::named_variants! {
+    /// Value of `--preset`: other defaults of some flags. The values are conditional defaults of the request's.
+    pub enum Preset {
+        /// --size 512x512 --spp 16 --aov none --adaptive off --guiding off --path-reuse off
+        Thumbnail = "thumbnail",
+        /// --size 1024x1024 --spp 256 --ground shadow
+        Product = "product",
+        /// --size 1920x1080 --spp 1024 --checkpoint 60
+        Final = "final",
+    }
 }
-
-bismar_scene::named_variants! { Preset { Thumbnail = "thumbnail", Product = "product", Final = "final" } }
 
 impl Preset {
     /// The flags that it stands for.
     pub fn flags(self) -> &'static str {
-        match self {
-            Self::Thumbnail => "--size 512x512 --spp 16 --aov none --adaptive off --guiding off --path-reuse off",
-            Self::Product => "--size 1024x1024 --spp 256 --ground shadow",
-            Self::Final => "--size 1920x1080 --spp 1024 --checkpoint 60",
-        }
+        Self::VALUES[self as usize].2.trim()
     }
 
     /// Whether it denoises where Open Image Denoise is installed.
@@ -217,26 +202,25 @@ pub fn sun_angle(text: &str) -> Parsed<f32> {
     not_negative(text).ok().filter(|x| *x <= 180.0).ok_or("not degrees from 0 to 180".into())
 }
 
-/// A switch that is on by default.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-#[allow(missing_docs, reason = "on and off")]
-pub enum OnOff {
-    On,
-    Off,
+bismar_scene::named_variants! {
+    /// A switch that is on by default.
+    pub enum OnOff {
+        /// On.
+        On = "on",
+        /// Off.
+        Off = "off",
+    }
 }
 
-/// Unit of the file's punctual lights.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum LightUnit {
-    /// Candela and lux, as KHR_lights_punctual defines.
-    Lumen,
-    /// W/sr and W/m^2, multiplied by 683 lm/W as Blender's exporter does.
-    Watt,
+bismar_scene::named_variants! {
+    /// Unit of the file's punctual lights.
+    pub enum LightUnit {
+        /// Candela and lux, as KHR_lights_punctual defines.
+        Lumen = "lumen",
+        /// W/sr and W/m^2, multiplied by 683 lm/W as Blender's exporter does.
+        Watt = "watt",
+    }
 }
-
-bismar_scene::named_variants! { LightUnit { Lumen = "lumen", Watt = "watt" } }
 
 impl LightUnit {
     /// Factor on intensities.
@@ -272,78 +256,6 @@ pub fn aov_list(text: &str) -> Parsed<Vec<Aov>> {
         "none" => Ok(Vec::new()),
         "all" => Ok(Aov::ALL.to_vec()),
         list => list.split(',').map(one).collect(),
-    }
-}
-
-/// Implements [`FlagValue`] for types with a list `ALL` and a `name`.
-macro_rules! flag_values {
-    ($($kind:ident { $($variant:ident: $help:literal,)+ })+) => {$(
-        impl FlagValue for $kind {
-            fn all() -> &'static [Self] {
-                &Self::ALL
-            }
-
-            fn flag_name(self) -> &'static str {
-                self.name()
-            }
-
-            fn help(self) -> &'static str {
-                match self {
-                    $(Self::$variant => $help,)+
-                }
-            }
-        }
-    )+};
-}
-
-flag_values! {
-    Integrator {
-        Path: "Path tracing: emission, direct and indirect light",
-        Direct: "Emission and direct light",
-    }
-    BackFaces {
-        Cull: "Rays from the camera and their mirror images pass them",
-        Show: "They are drawn",
-    }
-    GlassShadows {
-        Off: "Shadow rays end at them; light behind is found by refracted paths",
-        Straight: "Shadow rays pass them straight, dimmed by Fresnel and absorption: approximate",
-    }
-    Ground {
-        None: "Nothing",
-        Shadow: "A plane that shows shadows alone",
-    }
-    LightUnit {
-        Lumen: "Candela and lux, as KHR_lights_punctual defines",
-        Watt: "W/sr and W/m^2, multiplied by 683 lm/W as Blender's exporter does",
-    }
-    Choice {
-        Off: "Never",
-        On: "Always",
-        Auto: "Where a pre-pass estimates that it pays for its cost",
-    }
-    PixelFilter {
-        Gaussian: "Gaussian of standard deviation 0.5 pixels, truncated at 1.5 pixels",
-        Box: "Box of one pixel",
-        BlackmanHarris: "Blackman-Harris of radius 1.5 pixels",
-    }
-    Backend {
-        Embree: "Embree 4, as installed on the system",
-        Obvhs: "obvhs, a BVH library in pure Rust",
-    }
-    Denoise {
-        Oidn: "Intel Open Image Denoise, if it is installed",
-    }
-    ColorSpace {
-        Rec709: "The primaries of sRGB",
-        Acescg: "ACEScg: AP1",
-        Rec2020: "ITU-R BT.2020",
-    }
-    View {
-        Agx: "AgX, base look: a soft shoulder; bright colours desaturate as on film",
-        Neutral: "Khronos PBR Neutral: keeps base colours and compresses highlights",
-        Aces: "ACES as fitted by Hill, as Khronos' render fidelity suite shows it",
-        Srgb: "The sRGB transfer function alone; values above 1 clip",
     }
 }
 

@@ -1,13 +1,12 @@
-//! How a request is written as JSON: values are those of flags, and paths need not be UTF-8.
+//! How values of a request are written as JSON: as texts of their flags. Paths need not be UTF-8.
 
 use std::ffi::OsString;
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-use serde::{Deserialize, Deserializer, Serialize, Serializer, de, ser};
+use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 
-use super::request::RenderRequest;
 use crate::film::Aov;
 
 /// Values whose text is that of their flag.
@@ -35,11 +34,6 @@ pub mod optional_text {
         let text = Option::<String>::deserialize(from)?;
         text.map(|text| text.parse().map_err(de::Error::custom)).transpose()
     }
-}
-
-/// Requests, without what the command without a flag has.
-pub fn request<S: Serializer>(request: &RenderRequest, to: S) -> Result<S::Ok, S::Error> {
-    request.entries().map_err(ser::Error::custom)?.serialize(to)
 }
 
 /// A path: its text, or its bytes if it is not UTF-8.
