@@ -126,10 +126,12 @@ pub struct RenderRequest {
     /// Rotation of the environment map about +y, in degrees.
     #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_negative_numbers = true, requires = "env",
         value_parser = finite, help_heading = "Light")]
+    #[serde(with = "wire::text")]
     pub env_rotate: f32,
     /// Factor on the radiance of --env, --sky or --sunsky.
     #[arg(long, value_name = "X", default_value_t = 1.0, requires = "infinite", value_parser = env_strength,
         help_heading = "Light")]
+    #[serde(with = "wire::text")]
     pub env_strength: f32,
     /// Uniform white environment.
     #[arg(long, group = "infinite", conflicts_with = "env", help_heading = "Light")]
@@ -148,10 +150,12 @@ pub struct RenderRequest {
     /// Radius of all point and spot lights: spheres with the irradiance that the points have, soft shadows, and highlights. The
     /// camera does not see them. Without this, `radius` in the file's extras, or points.
     #[arg(long, value_name = "METRES", value_parser = light_radius, help_heading = "Light")]
+    #[serde(with = "wire::optional_text")]
     pub light_radius: Option<f32>,
     /// Angle that all directional lights subtend, at most 180; the sun has 0.53. Without this, `angle` (radians) in the file's
     /// extras, or sharp shadows.
     #[arg(long, value_name = "DEG", value_parser = sun_angle, help_heading = "Light")]
+    #[serde(with = "wire::optional_text")]
     pub sun_angle: Option<f32>,
     /// Layers light_NAME in place of the kinds of --aov lights: at most 8 groups of lights by the names of lights, nodes, meshes
     /// and materials, with * and ?; env is the environment. `light_group` in the extras of a node, light or material goes before
