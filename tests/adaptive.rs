@@ -176,7 +176,7 @@ fn the_command_says_what_it_did_and_what_does_not_go_together() {
     expect(&folder, &format!("{line} --spp 32 --aov samples --stats a.json --checkpoint 9 -o a.exr"), 0);
     let stats = read_json(&folder.join("a.json"));
     assert!(stats["adaptive"]["left"].as_f64().unwrap() < 0.97, "{stats}");
-    assert_eq!(stats["settings"]["adaptive"], true);
+    assert_eq!(stats["settings"]["adaptive"], "on");
     let of = |name: &str| stats["samples"][name].as_f64().unwrap();
     assert!(of("pixel_min") < 20.0 && of("pixel_max") > 40.0 && (of("pixel_mean") - 32.0).abs() < 1.0, "{stats}");
     // Going on to more paths is right, but not the bits of one go, and says so.

@@ -21,7 +21,7 @@ const SEES: [(&str, &[&str]); 19] = [
     ("integrator", &["scene", "rays", "light", "bsdf", "sampling", "balance", "film", "guiding"]),
     ("render", &["scene", "rays", "light", "sampling", "balance", "film", "guiding", "integrator"]),
     ("console", &["film", "render"]),
-    ("job", &["scene", "rays", "light", "balance", "film", "integrator", "render", "console"]),
+    ("job", &["scene", "rays", "light", "sampling", "balance", "film", "integrator", "render", "console"]),
     ("batch", ALL),
     ("farm", ALL),
     ("cli", ALL),
@@ -36,7 +36,7 @@ const KEPT_IN: [(&str, &[&str]); 7] = [
     ("libloading::", &["film/denoise.rs"]),
     ("embree4_sys", &["rays/embree"]),
     ("obvhs::", &["rays/cwbvh"]),
-    ("clap::", &["cli", "console"]),
+    ("clap::", &["cli", "console", "job/request"]),
     ("std::fs", &["scene/import/source", "film", "console", "job", "cli", "batch", "farm"]),
     ("std::process", &["cli", "console", "job", "batch", "farm", "main.rs"]),
 ];

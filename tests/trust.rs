@@ -27,7 +27,8 @@ fn golden(folder: &Path, command: &str) {
     expect(folder, &format!("render {scene} -o golden.exr {flags}"), 0);
     let path = folder.join("golden.exr");
     let mut bytes = fs::read(&path).unwrap();
-    let at = bytes.windows(10).position(|part| part == b"{\"scene\":\"").unwrap();
+    let name = bytes.windows(15).position(|part| part == b"bismar.command\0").unwrap();
+    let at = name + bytes[name..].iter().position(|b| *b == b'{').unwrap();
     let end = at + bytes[at..].iter().position(|b| *b == 0 || *b > 127).unwrap();
     let length = bytes[at..end].iter().rposition(|b| *b == b'}').unwrap() + 1;
     assert!(command.len() <= length, "{length}");
@@ -43,31 +44,36 @@ fn a_header_runs_nothing_writes_nothing_and_reads_nothing_outside() {
     assert!(Command::new("chmod").arg("+x").arg(path.join("run.sh")).status().unwrap().success());
     let sizes = r#""size":"12x9","spp":2,"no-env":true,"balance":"half","max-depth":3,"seed":7,"filter":"box""#;
     for flag in [r#""on-checkpoint":"./run.sh","checkpoint":1e-9"#, r#""stats":"s""#, r#""threads":9999"#] {
-        golden(path, &format!(r#"{{"scene":"s.glb","fields":{{{flag},{sizes}}}}}"#));
+        golden(path, &format!(r#"{{"scene":"s.glb",{flag},{sizes}}}"#));
         fs::write(path.join("s"), "mine").unwrap();
         expect(path, "check golden.exr", 0);
         assert!(!path.join("ran").exists() && fs::read(path.join("s")).unwrap() == b"mine", "{flag}");
     }
-    golden(path, r#"{"scene":"s.glb","fields":{"no-such-flag":1}}"#);
+    golden(path, r#"{"scene":"s.glb","no-such-flag":1}"#);
     assert!(expect(path, "check golden.exr", 65).contains("no-such-flag"));
     // Paths and links that lead out of the folder.
     let other = folder();
     symlink(&other, path.join("out")).unwrap();
     for scene in [other.join("s.glb").to_str().unwrap(), "../s.glb", "out/s.glb"] {
-        golden(path, &format!(r#"{{"scene":"{scene}","fields":{{"size":"12x9","spp":2}}}}"#));
+        golden(path, &format!(r#"{{"scene":"{scene}","size":"12x9","spp":2}}"#));
         let said = expect(path, "check golden.exr", 65);
         assert!(said.contains("not below a folder") || said.contains("by a link"), "{said}");
+    }
+    // Values out of range, as on the command line.
+    for value in [r#""light-radius":-1"#, r#""max-depth":0"#, r#""motion-steps":9999"#, r#""spp":"many""#] {
+        golden(path, &format!(r#"{{"scene":"s.glb",{value}}}"#));
+        says(path, "check golden.exr", 65, "its ");
     }
     // The fields decide the cost, and not what the rest of the header says.
     for fields in
         [r#""size":"12x9""#, r#""size":"900x900","spp":1"#, r#""spp":99999"#, r#""noise":1e-6"#, r#""time":1e9"#]
     {
-        golden(path, &format!(r#"{{"scene":"s.glb","fields":{{{fields}}}}}"#));
+        golden(path, &format!(r#"{{"scene":"s.glb",{fields}}}"#));
         let said = expect(path, "check golden.exr --max-paths 99", 65);
         assert!(said.contains("--max-paths") || said.contains("--time"), "{fields}: {said}");
     }
     // The folder of the results may come with the pictures.
-    golden(path, r#"{"scene":"s.glb","fields":{"size":"12x9","spp":2}}"#);
+    golden(path, r#"{"scene":"s.glb","size":"12x9","spp":2}"#);
     fs::remove_dir_all(path.join("bismar-check")).unwrap();
     symlink(&other, path.join("bismar-check")).unwrap();
     assert!(expect(path, "check golden.exr", 73).contains("link"));

@@ -94,13 +94,36 @@ class Progress(NamedTuple):
     """Estimated relative error after the last finished pass; None before."""
 
 
-# Parameters with the values on and off, for which True and False stand.
-_SWITCHES = ("adaptive", "compensation", "energy_compensation", "guiding", "learned_lights", "path_reuse")
-
-
 def _plain(value: Any) -> Any:
-    """A value of an array package (NumPy's bool and numbers, arrays of any) as Python's own."""
-    return value.tolist() if hasattr(value, "tolist") else value
+    """A value as JSON has it, of NumPy and other array packages as well. A text that is not UTF-8 is its bytes."""
+    if isinstance(value, (str, bytes, os.PathLike)):
+        text = os.fsdecode(value)
+        try:
+            text.encode()
+        except UnicodeEncodeError:
+            return {"Unix": list(os.fsencode(text))}
+        return text
+    if value is None or isinstance(value, (bool, int, float)):
+        return value
+    if hasattr(value, "tolist"):
+        return _plain(value.tolist())
+    if hasattr(value, "__iter__"):
+        return [_plain(part) for part in value]
+    return value.__index__() if hasattr(value, "__index__") else float(value)
+
+
+def _options(given: Dict[str, Any], *others: str) -> str:
+    """The arguments of a function, but for `others`, as JSON."""
+    plain = {}
+    for name, value in given.items():
+        if name in others:
+            continue
+        try:
+            plain[name] = _plain(value)
+            json.dumps(plain[name], allow_nan=False)
+        except (TypeError, ValueError):
+            raise UsageError(f"{name}: {value!r} cannot be used", 64) from None
+    return json.dumps(plain)
 
 
 def _paths(given: Union[Path, Iterable[Path]]) -> List[str]:
@@ -108,33 +131,6 @@ def _paths(given: Union[Path, Iterable[Path]]) -> List[str]:
     if isinstance(given, (str, bytes, os.PathLike)):
         given = [given]
     return [os.fsdecode(path) for path in given]
-
-
-def _text(value: Any) -> str:
-    value = _plain(value)
-    if isinstance(value, (list, tuple)):
-        return ",".join(_text(part) for part in value)
-    if isinstance(value, (str, bytes, os.PathLike)):
-        return os.fsdecode(value)
-    if isinstance(value, int):
-        return str(value)
-    if hasattr(value, "__index__"):
-        return str(value.__index__())
-    try:
-        return repr(float(value))
-    except (TypeError, ValueError):
-        raise UsageError(f"{value!r} is neither a number nor a text", 64) from None
-
-
-def _numbers(name: str, value: Any, count: int) -> Tuple[Any, ...]:
-    """A tuple of so many numbers."""
-    try:
-        numbers = tuple(value)
-    except TypeError:
-        numbers = ()
-    if isinstance(value, str) or len(numbers) != count:
-        raise UsageError(f"{name}: {value!r} is not {count} numbers", 64)
-    return numbers
 
 
 def _count(threads: Any) -> Optional[int]:
@@ -155,36 +151,6 @@ def _find_denoiser() -> None:
         return
     for folder in (found and found.submodule_search_locations) or ():
         _bismar.look_for_denoiser(folder)
-
-
-def _flags(given: Dict[str, Any], *others: str) -> List[Tuple[str, Optional[str]]]:
-    """The arguments of a function, but for `others`, as flags of the command line."""
-    flags: List[Tuple[str, Optional[str]]] = []
-    for name, value in given.items():
-        if name in others:
-            continue
-        value = _plain(value)
-        if name in _SWITCHES and isinstance(value, bool):
-            value = "on" if value else "off"
-        if value is None or value is False:
-            continue
-        try:
-            # Not by the aliases, which pictures' headers do not have.
-            flag = {"scene": "scene-name", "aovs": "aov"}.get(name, name.replace("_", "-"))
-            flags.append((flag, None if value is True and name != "denoise" else _value(name, value)))
-        except TypeError:
-            raise UsageError(f"{name}: {value!r} cannot be used", 64) from None
-    return flags
-
-
-def _value(name: str, value: Any) -> str:
-    if name == "size" and not isinstance(value, str):
-        return "x".join(map(_text, _numbers(name, value, 2)))
-    if name == "crop":
-        value = _numbers(name, value, 4)
-    elif name in ("aovs", "views") and not isinstance(value, str):
-        return ",".join(value) or "none"
-    return "oidn" if name == "denoise" else _text(value)
 
 
 def load(
@@ -235,7 +201,7 @@ def load(
     Raises InputError for a file that is missing or cannot be used, UsageError for wrong arguments, HostError where memory
     or Embree do not suffice.
     """
-    options = _flags(locals(), "path", "threads", "velocity") + ([("aov", "velocity")] if velocity else [])
+    options = _options({**locals(), "aovs": "velocity" if velocity else None}, "path", "threads", "velocity")
     return Scene(_bismar.load(os.fsdecode(path), options, _count(threads)))
 
 
@@ -395,7 +361,7 @@ class Scene:
                 raise UsageError("balance: a heuristic of one's own needs size=(width, height)", 64)
         if denoise:
             _find_denoiser()
-        options = _flags(locals(), "self", "progress", "heuristic")
+        options = _options(locals(), "self", "progress", "heuristic")
         call = None if progress is None else (lambda *now: progress(Progress(*now)))
         shares = None
         if heuristic is not None:
@@ -506,8 +472,7 @@ class Picture:
 
         A file is complete or not there. Raises FileError if it cannot be written.
         """
-        shown = _flags({"view": view, "view_space": view_space})
-        self._native.save(os.fsdecode(path), shown, _text(exposure), resumable, half, colorspace)
+        self._native.save(os.fsdecode(path), _options(locals(), "self", "path"))
 
     def _repr_png_(self) -> bytes:
         """The picture in a notebook: a PNG with the view AgX and the automatic exposure."""
@@ -573,7 +538,7 @@ def look(
     Raises InputError for a file that is missing or cannot be used, UsageError for wrong arguments, HostError where memory
     does not suffice, KeyboardInterrupt after Ctrl-C.
     """
-    options = _flags(locals(), "path", "new", "threads")
+    options = _options(locals(), "path", "new", "threads")
     return Look(_bismar.look(_paths(path) + ([] if new is None else _paths(new)), options, _count(threads)))
 
 
@@ -605,7 +570,7 @@ def merge(
     Pictures of different seeds must hold their statistics: `Picture.save(path, resumable=True)`.
     preview: also write a PNG. statistics: keep what a render could be continued from.
     """
-    options = _flags({**locals(), "no_statistics": not statistics}, "parts", "statistics")
+    options = _options({**locals(), "no_statistics": not statistics}, "parts", "statistics")
     _bismar.merge(_paths(parts), options)
 
 
@@ -633,7 +598,7 @@ def labels(
 
     Raises InputError for a picture without the AOV.
     """
-    options = _flags(locals(), "pictures")
+    options = _options(locals(), "pictures")
     _bismar.labels(_paths(pictures), options)
 
 
@@ -653,4 +618,4 @@ def develop(
     output: [default: the picture's name with .png, in the same folder]. layer: shown instead of the beauty. mix:
         "NAME=FACTOR,...", the sum of layers of lights times factors (docs/lights.md).
     """
-    _bismar.develop(os.fsdecode(input), _flags(locals(), "input"))
+    _bismar.develop(os.fsdecode(input), _options(locals(), "input"))

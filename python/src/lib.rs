@@ -17,7 +17,7 @@ use bismar::film;
 use bismar::job::compare as compare_pictures;
 
 use picture::Picture;
-use run::{Flag, json};
+use run::json;
 use scene::{Scene, load};
 
 /// A picture in memory or a picture file.
@@ -46,18 +46,18 @@ fn compare(py: Python, a: AnyPicture, b: AnyPicture, layer: Option<String>) -> P
 }
 
 #[pyfunction]
-fn merge(py: Python, parts: Vec<PathBuf>, options: Vec<Flag>) -> PyResult<()> {
-    run::work(py, None, || in_memory::merge(&options, &parts))
+fn merge(py: Python, parts: Vec<PathBuf>, options: &str) -> PyResult<()> {
+    run::work(py, None, || in_memory::merge(&run::options(options)?, &parts))
 }
 
 #[pyfunction]
-fn labels(py: Python, pictures: Vec<PathBuf>, options: Vec<Flag>) -> PyResult<()> {
-    run::work(py, None, || in_memory::labels(&options, &pictures))
+fn labels(py: Python, pictures: Vec<PathBuf>, options: &str) -> PyResult<()> {
+    run::work(py, None, || in_memory::labels(&run::options(options)?, &pictures))
 }
 
 #[pyfunction]
-fn develop(py: Python, input: PathBuf, options: Vec<Flag>) -> PyResult<()> {
-    run::work(py, None, || in_memory::develop(&options, &input))
+fn develop(py: Python, input: PathBuf, options: &str) -> PyResult<()> {
+    run::work(py, None, || in_memory::develop(&run::options(options)?, &input))
 }
 
 /// Names the folder of the package pyoidn.

@@ -4,6 +4,7 @@ use std::fmt::Debug;
 use std::mem::take;
 use std::sync::{Mutex, PoisonError};
 
+use bismar::cli::in_memory::with_keywords;
 use pyo3::prelude::*;
 use tracing::field::Field;
 use tracing::level_filters::LevelFilter;
@@ -35,6 +36,7 @@ impl<S: Subscriber> Layer<S> for Collector {
                 text = format!("{value:?}");
             }
         });
+        let text = with_keywords(&text);
         let mut events = EVENTS.lock().unwrap_or_else(PoisonError::into_inner);
         if events.len() < MOST {
             events.push((level, text));

@@ -9,7 +9,7 @@ use pyo3::types::PyBytes;
 use bismar::cli::in_memory::{self, Looked, Shot};
 use bismar::console::Paths;
 
-use crate::{Flag, errors, json, run};
+use crate::{errors, json, run};
 
 /// A contact sheet and what it shows.
 #[pyclass(frozen, module = "bismar._bismar")]
@@ -20,11 +20,11 @@ pub struct Look {
 }
 
 #[pyfunction]
-pub fn look(py: Python, scenes: Vec<PathBuf>, options: Vec<Flag>, threads: Option<usize>) -> PyResult<Look> {
+pub fn look(py: Python, scenes: Vec<PathBuf>, options: &str, threads: Option<usize>) -> PyResult<Look> {
     let pool = run::unlocked(py, || run::pool(threads))?;
     let outcome = run::stoppable(py, &pool, false, None, |stop, _| {
         let mut paths = Paths::default();
-        Ok(Look { looked: in_memory::look(&options, &scenes, &mut paths, stop)?, paths })
+        Ok(Look { looked: in_memory::look(&run::options(options)?, &scenes, &mut paths, stop)?, paths })
     });
     match outcome {
         (_, Some(exception)) => Err(exception),

@@ -8,11 +8,9 @@ use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
 use bismar::cli::in_memory;
-use bismar::color::ColorSpace;
-use bismar::film::Exposure;
 use bismar::job::{RenderedPicture, Values};
 
-use crate::run::{self, Flag, json};
+use crate::run::{self, json};
 
 /// A rendered picture in memory.
 #[pyclass(frozen, module = "bismar._bismar")]
@@ -64,25 +62,7 @@ impl Picture {
         self.0.view()
     }
 
-    /// `view` has the options of the view transform.
-    #[allow(clippy::too_many_arguments)]
-    fn save(
-        &self,
-        py: Python,
-        path: PathBuf,
-        view: Vec<Flag>,
-        exposure: &str,
-        resumable: bool,
-        half: bool,
-        colorspace: &str,
-    ) -> PyResult<()> {
-        let wrong = |what, value: &str, why| bismar::Error::Usage(format!("{what} {value}: {why}"));
-        run::work(py, None, || {
-            let names = || ColorSpace::ALL.map(ColorSpace::name).join(", ");
-            let known = ColorSpace::ALL.into_iter().find(|known| known.name() == colorspace);
-            let colorspace = known.ok_or_else(|| wrong("colorspace", colorspace, format!("there are {}", names())))?;
-            let exposure: Exposure = exposure.parse().map_err(|why| wrong("exposure", exposure, why))?;
-            self.0.save(&path, (in_memory::view(&view)?, exposure), resumable, (half, colorspace))
-        })
+    fn save(&self, py: Python, path: PathBuf, options: &str) -> PyResult<()> {
+        run::work(py, None, || in_memory::save(&self.0, &path, &run::options(options)?))
     }
 }

@@ -1,7 +1,6 @@
 //! Work of the library without Python's lock (GIL): on a thread pool, with panics caught, and with signals seen.
 
 use std::cell::Cell;
-use std::ffi::OsString;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::process;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
@@ -13,14 +12,17 @@ use std::time::Duration;
 use pyo3::prelude::*;
 use rayon::ThreadPool;
 
+use bismar::cli::in_memory::Options;
 use bismar::console::{host, panics};
 use bismar::render::Progress;
 use bismar::{Error, Result};
 
 use crate::{errors, log};
 
-/// A flag of the command line: its name and its value.
-pub type Flag = (String, Option<OsString>);
+/// The options that JSON holds.
+pub fn options(json: &str) -> Result<Options> {
+    serde_json::from_str(json).map_err(|e| Error::Usage(format!("options: {e}")))
+}
 
 /// Time between looks at signals and calls of the progress callback.
 const INTERVAL: Duration = Duration::from_millis(50);

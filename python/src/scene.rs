@@ -9,13 +9,13 @@ use rayon::ThreadPool;
 
 use bismar::Error;
 use bismar::batch::views;
-use bismar::cli::in_memory::request;
+use bismar::cli::in_memory::{Options, request};
 use bismar::job::{CameraInfo, LoadedScene, PixelMoments};
 use bismar::scene::{FieldOfView, PlacedCamera};
 
 use crate::errors;
 use crate::picture::Picture;
-use crate::run::{self, Flag, json};
+use crate::run::{self, json};
 
 /// A camera: name, projection, vertical, aspect, matrix, intrinsics as JSON if it was calibrated.
 type Camera = (String, &'static str, f64, Option<f64>, [[f64; 4]; 4], Option<String>);
@@ -26,15 +26,15 @@ pub struct Scene {
     scene: Mutex<Arc<LoadedScene>>,
     path: PathBuf,
     /// Options of all its pictures.
-    options: Vec<Flag>,
+    options: Options,
     pool: Arc<ThreadPool>,
 }
 
 #[pyfunction]
-pub fn load(py: Python, path: PathBuf, options: Vec<Flag>, threads: Option<usize>) -> PyResult<Scene> {
-    let pool = run::unlocked(py, || run::pool(threads))?;
+pub fn load(py: Python, path: PathBuf, options: &str, threads: Option<usize>) -> PyResult<Scene> {
+    let (pool, mut options) = run::unlocked(py, || Ok((run::pool(threads)?, run::options(options)?)))?;
     let scene = run::work(py, Some(&pool), || LoadedScene::load(request(&path, &options)?))?;
-    let options = options.into_iter().filter(|(name, _)| name != "aov").collect();
+    options.remove("aovs");
     Ok(Scene { scene: Mutex::new(Arc::new(scene)), path, options, pool })
 }
 
@@ -101,14 +101,15 @@ impl Scene {
     fn render(
         &self,
         py: Python,
-        options: Vec<Flag>,
+        options: &str,
         progress: Option<Py<PyAny>>,
         heuristic: Option<Py<PyAny>>,
     ) -> PyResult<(Option<Picture>, Option<PyErr>)> {
         let scene = self.current();
+        let mut options = run::unlocked(py, || run::options(options))?;
         // The passes of a heuristic are those of this method.
-        let balance = heuristic.as_ref().map(|_| ("balance".to_owned(), Some("kl".into())));
-        let options: Vec<_> = self.options.iter().cloned().chain(options).chain(balance).collect();
+        options.extend(heuristic.iter().map(|_| ("balance".to_owned(), "kl".into())));
+        options.extend(self.options.clone());
         let raised = Mutex::new(None);
         let outcome = run::stoppable(py, &self.pool, heuristic.is_some(), progress.as_ref(), |stop, progress| {
             let request = request(&self.path, &options)?;

@@ -2,16 +2,15 @@
 
 use std::collections::HashMap;
 use std::ops::Range;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use toml::de::{DeTable, DeValue};
 
-use super::frames::split;
 use super::job::{Job, Location, SourceLocation};
-use super::numbering::{OTHER_OUTPUTS, with_placeholder};
+use super::numbering::with_placeholder;
+use super::split::split;
 pub use super::values::Flag;
 use super::values::{FileResult, Reader, Setting, settings, sorted};
-use super::views::SPLITTING;
 use crate::film::lut::is_lut;
 use crate::scene::import::read_text;
 use crate::{Error, Result};
@@ -19,11 +18,29 @@ use crate::{Error, Result};
 /// Most jobs of one file, frames included; more are assumed to be a mistake.
 const MAX_JOBS: usize = 100_000;
 
+/// Keys that make one job many pictures.
+const SEQUENCES: [&str; 3] = ["frames", "turntable", "cameras"];
+
+/// A job as the file has it.
+#[derive(Debug, Clone)]
+pub struct JobText {
+    /// Name, unique in its file.
+    pub name: String,
+    /// Path of the scene, resolved against the file's folder.
+    pub scene: PathBuf,
+    /// Path of the picture, likewise.
+    pub output: PathBuf,
+    /// Other flags of `bismar render`, with dashes and values. Paths are resolved.
+    pub flags: Vec<String>,
+    /// Where it is in the file.
+    pub location: SourceLocation,
+}
+
 /// Reads a batch file; `flags` are the keys that it may hold.
 ///
 /// # Errors
 /// [`Error::Config`] with line and column; [`Error::reading`].
-pub fn read(path: &Path, flags: &HashMap<String, Flag>) -> Result<Vec<Job>> {
+pub fn read(path: &Path, flags: &HashMap<String, Flag>) -> Result<Vec<JobText>> {
     let text = String::from_utf8(read_text(path)?);
     let text = text.map_err(|_| Error::Config(format!("{}: not UTF-8 text", path.display())))?;
     let folder = path.parent().unwrap_or(Path::new(""));
@@ -31,7 +48,7 @@ pub fn read(path: &Path, flags: &HashMap<String, Flag>) -> Result<Vec<Job>> {
         .map_err(|((line, column), why)| Error::Config(format!("{}:{line}:{column}: {why}", path.display())))
 }
 
-fn parse(text: &str, folder: &Path, flags: &HashMap<String, Flag>) -> FileResult<Vec<Job>> {
+fn parse(text: &str, folder: &Path, flags: &HashMap<String, Flag>) -> FileResult<Vec<JobText>> {
     let reader = Reader { text, lines: lines(text), folder, flags };
     let table = DeTable::parse(text)
         .map_err(|e| (reader.location(e.span().unwrap_or_default()), e.message().trim_end().replace('\n', "; ")))?;
@@ -67,19 +84,10 @@ fn parse(text: &str, folder: &Path, flags: &HashMap<String, Flag>) -> FileResult
     }
     // TOML groups all [[job]] before all [[matrix]]; jobs are in the order of the file.
     groups.sort_by_key(|(at, _)| *at);
-    let mut jobs: Vec<Job> = Vec::new();
+    let mut jobs = Vec::new();
     for (at, own) in groups {
         reader.expand(at, &defaults, own, &mut jobs)?;
     }
-    let mut all = Vec::new();
-    for job in &jobs {
-        all.extend(split(job.clone()).map_err(|(key, why)| (job.location.of_key(&key), why))?);
-        if all.len() > MAX_JOBS {
-            let why = format!("with its frames this makes more than {MAX_JOBS} jobs");
-            return Err((job.location.at, why));
-        }
-    }
-    check_unique(&all)?;
     if jobs.is_empty() {
         return Err(((1, 1), "no jobs; write [[job]] or [[matrix]]".into()));
     }
@@ -100,7 +108,7 @@ impl Reader<'_> {
     }
 
     /// Adds a job for every combination of a group's values; the group's keys override the defaults.
-    fn expand(&self, at: Location, defaults: &[Setting], own: Vec<Setting>, jobs: &mut Vec<Job>) -> FileResult<()> {
+    fn expand(&self, at: Location, defaults: &[Setting], own: Vec<Setting>, jobs: &mut Vec<JobText>) -> FileResult<()> {
         let mut settings: Vec<Setting> =
             defaults.iter().filter(|d| own.iter().all(|o| o.key != d.key)).cloned().collect();
         settings.extend(own);
@@ -121,7 +129,7 @@ impl Reader<'_> {
         Ok(())
     }
 
-    fn job(&self, at: Location, settings: &[Setting], chosen: &[Option<String>]) -> FileResult<Job> {
+    fn job(&self, at: Location, settings: &[Setting], chosen: &[Option<String>]) -> FileResult<JobText> {
         let value_of = |key: &str| settings.iter().zip(chosen).find(|(s, _)| s.key == key).and_then(|(_, v)| v.clone());
         let Some(scene) = value_of("scene") else {
             return Err((at, "no `scene`, neither here nor in [defaults]".into()));
@@ -139,7 +147,7 @@ impl Reader<'_> {
             let parts = listed.map(|(s, v)| format!("-{}", shown(&s.key, v)));
             format!("{}{}", shown("scene", &Some(scene.clone())), parts.collect::<String>())
         };
-        let sequence = settings.iter().any(|s| s.key == "frames" || SPLITTING.contains(&s.key.as_str()));
+        let sequence = settings.iter().any(|s| SEQUENCES.contains(&s.key.as_str()));
         let fill = |key: &str, template: &str, name: Option<&str>| -> FileResult<String> {
             let at = settings.iter().find(|s| s.key == key).map_or(at, |s| s.location);
             let mut out = String::new();
@@ -192,16 +200,33 @@ impl Reader<'_> {
                 }
                 (_, value) => value.clone(),
             };
-            flags.push((key.to_owned(), value));
+            flags.push(value.map_or(format!("--{key}"), |value| format!("--{key}={value}")));
         }
         let keys = settings.iter().map(|s| (s.key.clone(), s.location)).collect();
         let location = SourceLocation { at, keys };
-        Ok(Job { name, scene: self.folder.join(scene), flags, output, location, is_view: false })
+        Ok(JobText { name, scene: self.folder.join(scene), output, flags, location })
     }
 }
 
+/// Splits sequences into one job per picture. No two have one name, or write one file.
+///
+/// # Errors
+/// What is wrong, and where.
+pub fn split_all(jobs: &[Job]) -> FileResult<Vec<Job>> {
+    let mut all = Vec::new();
+    for job in jobs {
+        all.extend(split(job).map_err(|(key, why)| (job.location.of_key(&key), why))?);
+        if all.len() > MAX_JOBS {
+            let why = format!("with its frames this makes more than {MAX_JOBS} jobs");
+            return Err((job.location.at, why));
+        }
+    }
+    check_unique(&all)?;
+    Ok(all)
+}
+
 fn check_unique(jobs: &[Job]) -> FileResult<()> {
-    let (mut names, mut files): (HashMap<&str, &Job>, HashMap<&str, &Job>) = Default::default();
+    let (mut names, mut files): (HashMap<&str, &Job>, HashMap<&Path, &Job>) = Default::default();
     for job in jobs {
         let at = job.location.at;
         if let Some(other) = names.insert(&job.name, job) {
@@ -209,10 +234,9 @@ fn check_unique(jobs: &[Job]) -> FileResult<()> {
             let help = "give the group a `name` with every key that differs, as in \"{scene}-{seed}\"";
             return Err((at, format!("{why}; {help}")));
         }
-        let written = job.flags.iter().filter(|(key, _)| OTHER_OUTPUTS.contains(&key.as_str()));
-        let written = written.filter_map(|(_, value)| value.as_deref());
-        for file in written.chain(job.output.to_str()) {
+        for file in job.request.outputs() {
             if let Some(other) = files.insert(file, job) {
+                let file = file.display();
                 let why = format!("'{}' and '{}' both write {file}", other.name, job.name);
                 return Err((at, format!("{why}; put the job's name into outputs, as in \"out/{{name}}.exr\"")));
             }

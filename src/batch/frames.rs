@@ -2,12 +2,10 @@
 
 use std::collections::BTreeSet;
 use std::fmt;
+use std::path::PathBuf;
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
-
-use super::job::Job;
-use super::views::{self, SPLITTING};
 
 /// Frame numbers in the order in which they are rendered; at least one, none twice. Text form: `1-240x2,250`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -119,27 +117,15 @@ impl TryFrom<String> for Frames {
     }
 }
 
-/// Splits a job with `frames` into one job per frame, and a job with many views ([`views::split`]) into one per view; returns
-/// other jobs unchanged.
-///
-/// # Errors
-/// A flag and what is wrong with it.
-pub fn split(mut job: Job) -> Result<Vec<Job>, (String, String)> {
-    if job.flags.iter().any(|(name, _)| SPLITTING.contains(&name.as_str())) {
-        return views::split(job);
-    }
-    let Some(text) = job.take("frames") else { return Ok(vec![job]) };
-    let frames: Frames = text.parse().map_err(|why| ("frames".to_owned(), format!("`frames`: {why}")))?;
-    let has_seed_flag = job.flags.iter().any(|(name, _)| name == "seed-per-frame");
-    let one = |&frame: &u32| -> Result<Job, (String, String)> {
-        let mut one = job.numbered(frame, "frames", false)?;
-        one.flags.push(("frame".into(), Some(frame.to_string())));
-        if !has_seed_flag {
-            one.flags.push(("seed-per-frame".into(), Some("true".into())));
-        }
-        Ok(one)
-    };
-    frames.numbers().iter().map(one).collect()
+/// What makes a job many pictures.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Sequence {
+    /// Frames of an animation.
+    Frames(Frames),
+    /// This number of views around the scene.
+    Turntable(u32),
+    /// The cameras of a file.
+    Cameras(PathBuf),
 }
 
 #[cfg(test)]

@@ -8,5 +8,6 @@ pub mod message;
 pub mod numbering;
 pub mod queue;
 pub mod report;
+pub mod split;
 mod values;
 pub mod views;

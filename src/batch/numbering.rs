@@ -9,9 +9,6 @@ use std::path::{Path, PathBuf};
 use crate::Error;
 use crate::film::atomic::folder_of;
 
-/// Output flags, besides the picture, whose file names hold the number of the frame or view.
-pub(super) const OTHER_OUTPUTS: [&str; 2] = ["preview", "stats"];
-
 /// Byte range of the first placeholder for the frame number in a name, and its minimum number of digits: the first `{frame}`
 /// or `{frame:04}`, else the last run of `#`.
 fn placeholder(name: &[u8]) -> Option<(Range<usize>, usize)> {

@@ -52,8 +52,8 @@ impl Entry {
     pub fn pending(job: &Job) -> Self {
         Self {
             job: job.name.clone(),
-            scene: job.scene.display().to_string(),
-            output: job.output.display().to_string(),
+            scene: job.request.scene.display().to_string(),
+            output: job.request.output.display().to_string(),
             status: Status::Pending,
             exit_code: 0,
             error: None,

@@ -11,6 +11,7 @@ use glam::Mat4;
 use serde::{Deserialize, Serialize};
 
 use super::job::Job;
+use crate::console::Size;
 use crate::film::atomic;
 use crate::film::exr_file::{CALIBRATION, HeaderValue, WORLD_TO_CAMERA, WORLD_TO_NDC};
 use crate::integrator::CameraRays;
@@ -24,8 +25,8 @@ use crate::{Error, Result};
 pub const FILE: &str = "transforms.json";
 /// Largest number of views of a turntable.
 pub const MAX_VIEWS: u32 = 100_000;
-/// Flags that make one job many.
-pub const SPLITTING: [&str; 2] = ["turntable", "cameras"];
+/// The first view of a turntable.
+const FIRST_ORBIT: Orbit = Orbit { azimuth: 0.0, elevation: 20.0, distance: 1.0 };
 
 /// Camera model of panoramas, as nerfstudio names it.
 const EQUIRECTANGULAR: &str = "EQUIRECTANGULAR";
@@ -239,59 +240,47 @@ pub fn intrinsics(calibration: &Calibration) -> Result<String> {
     serde_json::to_string(&Intrinsics::of(calibration, whole)).map_err(|e| Error::Bug(e.to_string()))
 }
 
-/// Splits a job with `turntable` or `cameras` into one job per view; returns other jobs unchanged. Views are numbered from 0.
+/// The views of a turntable, numbered from 0, that begins with the orbit of the job.
 ///
 /// # Errors
-/// A flag and what is wrong with it.
-pub fn split(mut job: Job) -> std::result::Result<Vec<Job>, (String, String)> {
-    let Some(at) = job.flags.iter().position(|(name, _)| SPLITTING.contains(&name.as_str())) else {
-        return Ok(vec![job]);
-    };
-    let (flag, text) = job.flags.remove(at);
-    let text = text.unwrap_or_default();
-    let err = |why: String| (flag.clone(), format!("`{flag}`: {why}"));
-    if job.take("frames").is_some() || SPLITTING.iter().any(|other| job.take(other).is_some()) {
-        return Err(err("only one of `frames`, `turntable` and `cameras` can make a sequence".into()));
-    }
-    let (views, single) = if flag == "turntable" {
-        let count: u32 = text
-            .parse()
-            .ok()
-            .filter(|n| (1..=MAX_VIEWS).contains(n))
-            .ok_or_else(|| err(format!("'{text}' is not a number of views from 1 to {MAX_VIEWS}")))?;
-        let first: Orbit = job.take("orbit").unwrap_or("0,20".into()).parse().map_err(err)?;
-        let orbit = |k: u32| Orbit { azimuth: first.azimuth + 360.0 * f64::from(k) / f64::from(count), ..first };
-        let views = (0..count).map(|k| (k, vec![("orbit".to_owned(), orbit(k).to_string())]));
-        (views.collect::<Vec<_>>(), false)
-    } else {
-        let file = Path::new(&text);
-        let same = |a: &Path, b: &Path| fs::canonicalize(a).is_ok_and(|a| fs::canonicalize(b).is_ok_and(|b| a == b));
-        if same(file, &job.output.with_file_name(FILE)) {
-            return Err(err(format!("{text} would be written with the pictures: choose another folder for them")));
-        }
-        let mut cameras = read(file).map_err(|e| err(e.to_string()))?;
-        let names: Vec<String> = cameras.iter().map(|c| c.camera.name.clone()).collect();
-        let chosen = job.take("camera");
-        let index = |wanted: &String| crate::scene::choose("camera", wanted, &names).map_err(|e| err(e.to_string()));
-        let first = chosen.as_ref().map(index).transpose()?;
-        if let Some(index) = first {
-            cameras = vec![cameras.swap_remove(index)];
-        }
-        let has_size = job.flags.iter().any(|(name, _)| name == "size");
-        let views = cameras.iter().zip(first.unwrap_or(0) as u32..).map(|(FileCamera { camera, size }, number)| {
-            let mut flags = vec![("placed".to_owned(), camera.to_string())];
-            flags.extend(size.filter(|_| !has_size).map(|[w, h]| ("size".to_owned(), format!("{w}x{h}"))));
-            (number, flags)
-        });
-        (views.collect(), first.is_some())
-    };
-    let one = |(view, flags): (u32, Vec<(String, String)>)| -> std::result::Result<Job, (String, String)> {
-        let mut one = job.numbered(view, "views", single)?;
-        one.flags.extend(flags.into_iter().map(|(name, value)| (name, Some(value))));
-        one.is_view = true;
+/// A key and what is wrong with it.
+pub(super) fn turntable(job: &Job, count: u32) -> std::result::Result<Vec<Job>, (String, String)> {
+    let first = job.request.orbit.unwrap_or(FIRST_ORBIT);
+    let view = |k: u32| {
+        let mut one = job.numbered(k, "views", false)?;
+        let azimuth = first.azimuth + 360.0 * f64::from(k) / f64::from(count);
+        (one.request.orbit, one.is_view) = (Some(Orbit { azimuth, ..first }), true);
         Ok(one)
     };
-    views.into_iter().map(one).collect()
+    (0..count).map(view).collect()
+}
+
+/// The views of the cameras of a file, numbered from 0, or that of the camera of the job.
+///
+/// # Errors
+/// A key and what is wrong with it.
+pub(super) fn of_file(job: &Job, file: &Path) -> std::result::Result<Vec<Job>, (String, String)> {
+    let err = |why: String| ("cameras".to_owned(), format!("`cameras`: {why}"));
+    let same = |a: &Path, b: &Path| fs::canonicalize(a).is_ok_and(|a| fs::canonicalize(b).is_ok_and(|b| a == b));
+    if same(file, &job.request.output.with_file_name(FILE)) {
+        let file = file.display();
+        return Err(err(format!("{file} would be written with the pictures: choose another folder for them")));
+    }
+    let mut cameras = read(file).map_err(|e| err(e.to_string()))?;
+    let names: Vec<String> = cameras.iter().map(|c| c.camera.name.clone()).collect();
+    let index = |wanted: &String| crate::scene::choose("camera", wanted, &names).map_err(|e| err(e.to_string()));
+    let first = job.request.camera.as_ref().map(index).transpose()?;
+    if let Some(index) = first {
+        cameras = vec![cameras.swap_remove(index)];
+    }
+    let view = |(FileCamera { camera, size }, number): (FileCamera, u32)| {
+        let mut one = job.numbered(number, "views", first.is_some())?;
+        let own = size.map(|[width, height]| Size(width, height));
+        (one.request.camera, one.request.placed, one.is_view) = (None, Some(camera), true);
+        one.request.size = one.request.size.or(own);
+        Ok(one)
+    };
+    cameras.into_iter().zip(first.unwrap_or(0) as u32..).map(view).collect()
 }
 
 /// Writes the cameras of pictures into [`FILE`] in their folders, as their headers state them; pictures that are missing, of
@@ -391,28 +380,36 @@ pub fn axis_cosines(picture: &Path) -> Result<Vec<f32>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn job(flags: &[(&str, &str)]) -> Job {
-        let flags = flags.iter().map(|(name, value)| ((*name).into(), Some((*value).into()))).collect();
-        Job { name: "a".into(), scene: "a.glb".into(), flags, output: "o/a.##.exr".into(), ..Job::default() }
-    }
+    use crate::batch::frames::Sequence;
+    use crate::batch::split::split;
+    use crate::job::RenderRequest;
 
     #[test]
     fn a_turntable_is_views_around_the_scene() {
-        let jobs = split(job(&[("turntable", "4"), ("orbit", "10,30,2"), ("preview", "a.#.png")])).unwrap();
-        let orbits: Vec<_> = jobs.iter().map(|j| j.flags.iter().find(|f| f.0 == "orbit").unwrap().1.clone()).collect();
-        assert_eq!(orbits, ["10,30,2", "100,30,2", "190,30,2", "280,30,2"].map(|o| Some(o.into())));
-        assert_eq!((jobs[3].output.to_str(), jobs[3].name.as_str()), (Some("o/a.03.exr"), "a.0003"));
-        assert!(jobs[3].flags.contains(&("preview".into(), Some("a.3.png".into()))) && jobs[3].is_view);
-        for (bad, why) in [
-            (vec![("turntable", "0")], "number of views"),
-            (vec![("turntable", "3"), ("frames", "1-2")], "only one of"),
-            (vec![("turntable", "3"), ("cameras", "x.json")], "only one of"),
-            (vec![("turntable", "3"), ("orbit", "1")], "AZIMUTH"),
-            (vec![("turntable", "3"), ("preview", "a.png")], "one file for all views"),
-            (vec![("cameras", "/nowhere.json")], "cannot read"),
+        let request = |preview: &str| RenderRequest {
+            output: "o/a.##.exr".into(),
+            orbit: "10,30,2".parse().ok(),
+            preview: Some(preview.into()),
+            ..RenderRequest::default()
+        };
+        let job = |sequence, preview| Job {
+            name: "a".into(),
+            request: request(preview),
+            sequence: Some(sequence),
+            ..Job::default()
+        };
+        let jobs = split(&job(Sequence::Turntable(4), "a.#.png")).unwrap();
+        let orbits: Vec<_> = jobs.iter().map(|job| job.request.orbit.unwrap().to_string()).collect();
+        assert_eq!(orbits, ["10,30,2", "100,30,2", "190,30,2", "280,30,2"]);
+        let Job { name, request, is_view, .. } = &jobs[3];
+        assert_eq!((request.output.to_str(), name.as_str(), is_view), (Some("o/a.03.exr"), "a.0003", &true));
+        assert_eq!(request.preview.as_deref(), Some(Path::new("a.3.png")));
+        for (sequence, preview, why) in [
+            (Sequence::Turntable(3), "a.png", "one file for all views"),
+            (Sequence::Cameras("/nowhere.json".into()), "a.#.png", "cannot read"),
         ] {
-            assert!(split(job(&bad)).unwrap_err().1.contains(why), "{bad:?}: {:?}", split(job(&bad)));
+            let refused = split(&job(sequence, preview)).unwrap_err().1;
+            assert!(refused.contains(why), "{refused}");
         }
     }
 

@@ -16,7 +16,7 @@ use crate::console::args::threads;
 use crate::console::{Verbosity, Verdict};
 use crate::film::atomic;
 use crate::{Error, Result};
-pub use plan::{Planned, parse_flags, plan, read};
+pub use plan::{plan, read};
 pub use work::Work;
 pub use worker::run as work;
 
@@ -68,10 +68,10 @@ pub fn run(args: &BatchArgs, verbosity: Verbosity) -> Result<Verdict> {
     [&report].into_iter().chain(&args.events).for_each(|path| atomic::named(path));
     let folders = roots(&args.file, &args.root);
     atomic::confine(&folders);
-    let (mut jobs, paths) = plan(Some(&args.file), read(&args.file)?)?;
-    let order: Vec<String> = jobs.iter().map(|j| j.job.name.clone()).collect();
+    let (mut jobs, paths) = plan(Some(&args.file), &read(&args.file)?)?;
+    let order: Vec<String> = jobs.iter().map(|job| job.name.clone()).collect();
     if !args.only.is_empty() {
-        jobs.retain(|planned| args.only.iter().any(|pattern| pattern.matches(&planned.job.name)));
+        jobs.retain(|job| args.only.iter().any(|pattern| pattern.matches(&job.name)));
         if jobs.is_empty() {
             let names = order.iter().take(20).cloned().collect::<Vec<_>>().join(", ");
             let more = if order.len() > 20 { ", …" } else { "" };
@@ -95,20 +95,20 @@ pub fn run(args: &BatchArgs, verbosity: Verbosity) -> Result<Verdict> {
 
 /// Renders the pictures of `bismar render --frames`, `--turntable` or `--cameras` as a batch.
 pub fn sequence(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
-    let (job, folders) = args.sequence()?;
+    let (job, folders) = args.job_and_folders()?;
     atomic::confine(&folders);
-    let file = job.scene.display().to_string();
+    let (file, threads) = (job.request.scene.display().to_string(), job.request.threads);
     // There is no batch file that could be wrong.
-    let (jobs, paths) = plan(None, vec![job]).map_err(|e| match e {
+    let (jobs, paths) = plan(None, &[job]).map_err(|e| match e {
         Error::Config(why) => Error::Usage(why),
         other => other,
     })?;
     let work = Work {
         file,
-        order: jobs.iter().map(|j| j.job.name.clone()).collect(),
+        order: jobs.iter().map(|job| job.name.clone()).collect(),
         folders,
         at_once: 1,
-        threads: args.threads,
+        threads,
         style: args.progress,
         signals_from_parent: args.signals_from_parent,
         ..Work::default()

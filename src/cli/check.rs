@@ -12,15 +12,14 @@ use std::time::Instant;
 use clap::Args;
 
 use super::batch::{Work, plan};
-use super::flag_values::has_ending;
-use super::render::command;
+use super::options::has_ending;
 use crate::batch::job::Job;
 use crate::batch::report::{Entry, Status, earlier};
 use crate::console::args::{not_negative, threads};
 use crate::console::progress::Style;
-use crate::console::{Paths, Verbosity, Verdict, print, say};
+use crate::console::{Paths, Size, Verbosity, Verdict, print, say};
 use crate::film::atomic;
-use crate::job::{PictureCommand, RenderRequest};
+use crate::job::RenderRequest;
 use crate::render::StopReason;
 use crate::render::record::checkpoint::Earlier;
 use crate::{Error, Result};
@@ -99,7 +98,7 @@ pub fn run(args: &CheckArgs, verbosity: Verbosity) -> Result<Verdict> {
         let _ = fs::remove_file(&new);
         let job = job(&golden, &new, args);
         let (scene, outcome) = match &job {
-            Ok(job) => (job.scene.display().to_string(), Outcome::Pending),
+            Ok(job) => (job.request.scene.display().to_string(), Outcome::Pending),
             Err(error) => (String::new(), Outcome::failed(error)),
         };
         jobs.extend(job);
@@ -180,7 +179,7 @@ fn job(golden: &Path, new: &Path, args: &CheckArgs) -> Result<Job> {
     let cannot = |why: &str| Error::Data(format!("{name}: {why}"));
     let earlier = Earlier::read(golden)?.ok_or_else(|| Error::Missing(format!("{name}: there is no such file")))?;
     earlier.verify()?;
-    let picture = PictureCommand::read(&earlier.header).ok_or_else(|| {
+    let request = RenderRequest::read(&earlier.header).map_err(|why| cannot(&why))?.ok_or_else(|| {
         cannot(
             "its header does not say how it was rendered (attribute bismar.command): render it again with this version",
         )
@@ -192,44 +191,30 @@ fn job(golden: &Path, new: &Path, args: &CheckArgs) -> Result<Job> {
     if settings.part.is_some() {
         return Err(cannot("it is a part of a picture: merge the parts"));
     }
-    let known = command();
-    let is_flag = |name: &str| known.get_arguments().any(|arg| arg.get_long() == Some(name));
-    let mut flags = picture
-        .flags(is_flag)
-        .map_err(|field| cannot(&format!("this version has no '{field}', which its header names")))?;
     let roots = [args.root.as_path(), golden.parent().unwrap_or(golden)];
-    let (scene, root) = below(&roots, &picture.scene).map_err(|why| cannot(&why))?;
-    if let Some(env) = &picture.env {
-        let (env, _) = below(&roots, env).map_err(|why| cannot(&why))?;
-        flags.push(("env".into(), Some(env.display().to_string())));
+    let below = |path: &Path| below(&roots, path).map_err(|why| cannot(&why));
+    let (scene, root) = below(&request.scene)?;
+    let env = request.env.as_deref().map(below).transpose()?.map(|(env, _)| env);
+    // Else the scene's camera decides.
+    let size = request.size.or(Some(Size(settings.width, settings.height)));
+    let (output, relative_to) = (new.to_owned(), Some(root.to_owned()));
+    let request = RenderRequest { scene, env, size, output, relative_to, ..request };
+    request.check(false).map_err(|e| cannot(&format!("its command cannot be run: {e}")))?;
+    let settings = request.settings();
+    if settings.time.is_some() {
+        return Err(cannot(
+            "it was rendered with --time, which ends elsewhere on another machine: use --spp or --noise",
+        ));
     }
-    flags.push(("relative-to".into(), Some(root.display().to_string())));
-    if flags.iter().all(|(flag, _)| flag != "size") {
-        // Else the scene's camera decides.
-        flags.push(("size".into(), Some(format!("{}x{}", settings.width, settings.height))));
+    let pixels = size.map_or(0, |size| u64::from(size.0) * u64::from(size.1));
+    // Without a number of paths, those that give the noise where a path's standard deviation is the mean.
+    let of_noise = settings.noise.map_or(0, |noise| noise.powi(-2) as u64).max(MIN_PATHS_OF_NOISE);
+    let spp = settings.spp.map_or(of_noise, u64::from);
+    let paths = pixels.saturating_mul(spp);
+    if paths > args.max_paths {
+        return Err(cannot(&format!("its header asks for {paths} paths, more than --max-paths {}", args.max_paths)));
     }
-    let job = Job { name: name.clone(), scene, flags, output: new.to_owned(), ..Job::default() };
-    // A command of another version may have flags that this one lacks.
-    let (planned, _) = plan(None, vec![job.clone()]).map_err(|e| cannot(&format!("its command cannot be run: {e}")))?;
-    for RenderRequest { settings, size, .. } in planned.iter().map(|planned| &planned.request) {
-        if settings.time.is_some() {
-            return Err(cannot(
-                "it was rendered with --time, which ends elsewhere on another machine: use --spp or --noise",
-            ));
-        }
-        let pixels = size.map_or(0, |size| u64::from(size.0) * u64::from(size.1));
-        // Without a number of paths, those that give the noise where a path's standard deviation is the mean.
-        let of_noise = settings.noise.map_or(0, |noise| noise.powi(-2) as u64).max(MIN_PATHS_OF_NOISE);
-        let spp = settings.spp.map_or(of_noise, u64::from);
-        let paths = pixels.saturating_mul(spp);
-        if paths > args.max_paths {
-            return Err(cannot(&format!(
-                "its header asks for {paths} paths, more than --max-paths {}",
-                args.max_paths
-            )));
-        }
-    }
-    Ok(job)
+    Ok(Job { name, request, ..Job::default() })
 }
 
 /// Least number of paths per pixel that a render whose only goal is its noise is taken for.
@@ -237,17 +222,18 @@ const MIN_PATHS_OF_NOISE: u64 = 1 << 15;
 
 /// A file that a header names, and the folder that it was found below; the first folder where there is none. A header must not
 /// reach other files: neither by its path nor through links.
-fn below<'a>(roots: &[&'a Path], name: &str) -> std::result::Result<(PathBuf, &'a Path), String> {
+fn below<'a>(roots: &[&'a Path], name: &Path) -> std::result::Result<(PathBuf, &'a Path), String> {
     let inside = |part: Component| matches!(part, Component::Normal(_) | Component::CurDir);
-    if !Path::new(name).components().all(inside) {
-        return Err(format!("its header names '{name}', which is not below a folder"));
+    let shown = name.display();
+    if !name.components().all(inside) {
+        return Err(format!("its header names '{shown}', which is not below a folder"));
     }
     let found = roots.iter().find(|root| root.join(name).exists()).unwrap_or(&roots[0]);
     let path = found.join(name);
     let resolved = |path: &Path| path.canonicalize().unwrap_or_else(|_| path.into());
     if path.exists() && !resolved(&path).starts_with(resolved(found)) {
         return Err(format!(
-            "'{name}' leads out of {} by a link: --root DIR names the folder where it is",
+            "'{shown}' leads out of {} by a link: --root DIR names the folder where it is",
             found.display()
         ));
     }
@@ -260,7 +246,7 @@ fn render(args: &CheckArgs, jobs: Vec<Job>, verbosity: Verbosity) -> Result<Hash
         return Ok(HashMap::new());
     }
     let order = jobs.iter().map(|job| job.name.clone()).collect();
-    let (jobs, _) = plan(None, jobs)?;
+    let (jobs, _) = plan(None, &jobs)?;
     let report = args.out.join("renders.json");
     atomic::check(&report)?;
     let _ = fs::remove_file(&report);

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::flag_values::{check_ending, has_ending};
+use super::options::{check_ending, has_ending};
 use crate::console::args::not_negative;
 use crate::console::{Paths, Verdict, print, print_json, say};
 use crate::film::compare::{Comparison, compare, in_common};

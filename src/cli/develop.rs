@@ -4,11 +4,11 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use crate::cli::flag_values::check_ending;
-use crate::cli::view_args::ViewArgs;
+use crate::cli::options::check_ending;
 use crate::console::{Paths, Verbosity, Verdict, say};
 use crate::film::denoise::DENOISED;
 use crate::film::{Exposure, Look, Picture, ViewTransform, atomic, exr_file, preview};
+use crate::job::ViewOptions;
 use crate::render::record::checkpoint::text;
 use crate::{Error, Result};
 
@@ -21,7 +21,7 @@ pub struct DevelopArgs {
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
     #[command(flatten)]
-    view: ViewArgs,
+    view: ViewOptions,
     /// Exposure in stops, or auto: the log-mean of all parts that are not dark becomes middle grey. The value is printed.
     #[arg(long, value_name = "EV", default_value_t = Exposure::Auto, allow_negative_numbers = true)]
     exposure: Exposure,

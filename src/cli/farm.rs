@@ -9,21 +9,21 @@ use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf, absolute};
 
-use clap::{Args, Command, Subcommand, ValueEnum, ValueHint};
+use clap::{Args, Subcommand, ValueEnum};
 
-use super::flag_values::{has_ending, reason};
+use super::options::{has_ending, reason};
 use super::render::{self, command};
-use crate::batch::frames::split;
+use crate::batch::frames::Sequence;
 use crate::batch::job::Job;
 use crate::batch::numbering::with_placeholder;
-use crate::cli::batch::{self, Planned};
+use crate::batch::split::split;
+use crate::cli::batch;
 use crate::console::{Verdict, print, print_json, say};
 use crate::farm::sessions::{Sessions, record_path};
 use crate::farm::slurm::{self, Submitted, TaskOptions, quoted};
 use crate::farm::{PLAN, Plan, openjd, utf8};
 use crate::film::atomic;
 use crate::film::lock::{Claim, claim};
-use crate::film::lut::is_lut;
 use crate::job::DEFAULT_SIZE;
 use crate::render::{RenderSettings, tile_positions};
 use crate::{Error, Result};
@@ -144,29 +144,24 @@ fn submit(args: &SubmitArgs) -> Result<Verdict> {
 
 fn renders_of_batch(args: &SubmitArgs) -> Result<Vec<Job>> {
     let path = &args.input;
-    let command = command();
-    let one = |job: Job| {
-        let flags = absolute_flags(&command, job.flags)?;
-        Ok(Job { scene: absolute_path(&job.scene)?, output: absolute_path(&job.output)?, flags, ..job })
-    };
     let jobs = batch::read(path)?;
     // Flags are checked per frame; tasks take whole sequences.
     let roots = batch::roots(path, &args.root);
-    for planned in batch::plan(Some(path), jobs.clone())?.0 {
-        planned.request.outputs().try_for_each(|output| atomic::check_below(output, &roots))?;
-        check_parts(&planned, args.parts)?;
+    for job in batch::plan(Some(path), &jobs)?.0 {
+        job.request.outputs().try_for_each(|output| atomic::check_below(output, &roots))?;
+        check_parts(&job, args.parts)?;
     }
-    jobs.into_iter().map(one).collect()
+    jobs.into_iter().map(absolute_job).collect()
 }
 
 /// Every part of a picture needs a tile.
-fn check_parts(Planned { job, request }: &Planned, parts: u32) -> Result<()> {
+fn check_parts(Job { name, request, .. }: &Job, parts: u32) -> Result<()> {
     // A scene that is not read has no aspect ratio; no other picture without a size has thousands of parts.
     let (width, height) = request.size.map_or(DEFAULT_SIZE, |size| (size.0, size.1));
-    let settings = RenderSettings { width, height, ..request.settings.clone() };
+    let settings = RenderSettings { width, height, ..request.settings() };
     let tiles = tile_positions(&settings).len();
     if parts as usize > tiles {
-        let ([x0, y0, x1, y1], name) = (settings.window(), &job.name);
+        let [x0, y0, x1, y1] = settings.window();
         let size = format!("{} x {}", x1.saturating_sub(x0), y1.saturating_sub(y0));
         let why = format!("a picture of {size} pixels has {tiles} tiles: give fewer parts, or --size");
         return Err(Error::Usage(format!("--parts {parts}: '{name}': {why}")));
@@ -174,45 +169,37 @@ fn check_parts(Planned { job, request }: &Planned, parts: u32) -> Result<()> {
     Ok(())
 }
 
-/// The flags with absolute paths.
-fn absolute_flags(command: &Command, flags: Vec<(String, Option<String>)>) -> Result<Vec<(String, Option<String>)>> {
-    let one = |(name, value): (String, Option<String>)| {
-        let value = match value {
-            Some(value) if is_path(command, &name) || name == "view" && is_lut(&value) => {
-                Some(utf8(&absolute_path(Path::new(&value))?)?.to_owned())
-            }
-            value => value,
-        };
-        Ok((name, value))
-    };
-    flags.into_iter().map(one).collect()
+/// The job with absolute paths.
+fn absolute_job(mut job: Job) -> Result<Job> {
+    let Job { request, sequence, .. } = &mut job;
+    for path in [&mut request.scene, &mut request.output] {
+        *path = absolute_path(path)?;
+    }
+    for path in request.paths_mut() {
+        *path = absolute_path(path)?;
+    }
+    if let Some(Sequence::Cameras(file)) = sequence {
+        *file = absolute_path(file)?;
+    }
+    Ok(job)
 }
 
 fn render_of_scene(args: &SubmitArgs) -> Result<Job> {
     let command = command();
     let line = [OsString::from("render"), args.input.clone().into()].into_iter().chain(args.flags.iter().cloned());
     let render = render::read(&command, line).map_err(|e| Error::Usage(format!("after --: {}", reason(&e))))?;
-    render.check()?;
-    let mut flags = render.given()?;
-    for name in ["part", "resume", "progress", "path-mapping", "on-checkpoint", "led"] {
-        if flags.iter().any(|(flag, _)| flag == name) {
-            return Err(Error::Usage(format!("after --: --{name} is set by the farm")));
-        }
+    if let Some(flag) = render.of_farm() {
+        return Err(Error::Usage(format!("after --: {flag} is set by the farm")));
     }
-    flags.retain(|(name, _)| name != "output");
-    let flags = absolute_flags(&command, flags)?;
     let name = args.input.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    let name = if render.frames.is_some() { with_placeholder(name) } else { name };
-    let (scene, output) = (absolute_path(&args.input)?, absolute_path(&render.output())?);
-    let job = Job { name, scene, flags, output, ..Job::default() };
-    for frame in split(job.clone()).map_err(|(_, why)| Error::Usage(format!("after --: {why}")))? {
-        check_parts(&batch::parse_flags(None, &command, frame)?, args.parts)?;
+    let mut job = absolute_job(render.job(name)?)?;
+    if let Some(Sequence::Frames(_)) = job.sequence {
+        job.name = with_placeholder(job.name);
+    }
+    for frame in split(&job).map_err(|(_, why)| Error::Usage(format!("after --: {why}")))? {
+        check_parts(&frame, args.parts)?;
     }
     Ok(job)
-}
-
-fn is_path(command: &Command, flag: &str) -> bool {
-    command.get_arguments().any(|arg| arg.get_long() == Some(flag) && arg.get_value_hint() == ValueHint::AnyPath)
 }
 
 fn absolute_path(path: &Path) -> Result<PathBuf> {
@@ -296,7 +283,7 @@ fn check_folder(plan: &Plan) -> Result<Claim> {
     let claim = claim(&path)?;
     let Ok(earlier) = Plan::read(&path) else { return Ok(claim) };
     let other_folder = "give this one another with --folder";
-    if !earlier.input.is_empty() && earlier.input != plan.input {
+    if earlier.input != plan.input {
         return Err(Error::CannotCreate(format!("{folder}: the farm of {}: {other_folder}", earlier.input)));
     }
     let submitted = Submitted::read(&plan.folder).unwrap_or_default();

@@ -1,21 +1,23 @@
-//! The commands for front ends that name options as the command line does: names of flags without dashes, and their values (the
-//! Python package). Scenes and pictures in memory are those of [`LoadedScene`](crate::job::LoadedScene).
+//! The commands for front ends that give options as data (the Python package). Scenes and pictures in memory are those of [`LoadedScene`](crate::job::LoadedScene).
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
+use clap::Args;
+
 use super::develop::DevelopArgs;
-pub use super::flag_values::Options;
-use super::flag_values::parse;
 use super::labels::LabelsArgs;
 use super::look::LookArgs;
 pub use super::look::{Looked, Shot};
 use super::merge::MergeArgs;
+use super::options::parse;
+pub use super::options::{Options, with_keywords};
 pub use super::render::request;
-use super::view_args::ViewArgs;
 use crate::Result;
+use crate::color::ColorSpace;
 use crate::console::{Paths, Verbosity};
-use crate::film::{ViewTransform, atomic};
+use crate::film::{Exposure, atomic};
+use crate::job::{RenderedPicture, ViewOptions, value_of};
 
 /// `bismar merge`: parts of a picture, or pictures of different seeds.
 ///
@@ -54,12 +56,28 @@ pub fn look(options: &Options, scenes: &[PathBuf], paths: &mut Paths, stop: &Ato
     super::look::look(&parse::<LookArgs>("look", options, scenes)?, paths, stop)
 }
 
-/// The view transform of these values of `--view` and `--view-space`.
+/// How a picture in memory is saved.
+#[derive(Debug, Args)]
+struct SaveArgs {
+    #[command(flatten)]
+    view: ViewOptions,
+    #[arg(long, default_value_t = Exposure::Auto, allow_negative_numbers = true)]
+    exposure: Exposure,
+    #[arg(long)]
+    resumable: bool,
+    #[arg(long)]
+    half: bool,
+    #[arg(long, value_parser = value_of::<ColorSpace>(), default_value = ColorSpace::Rec709.name())]
+    colorspace: ColorSpace,
+}
+
+/// Saves a picture.
 ///
 /// # Errors
-/// [`Error::Usage`](crate::Error::Usage), and those of reading a LUT.
-pub fn view(options: &Options) -> Result<ViewTransform> {
-    parse::<ViewArgs>("view", options, &[] as &[&Path])?.transform()
+/// Those of [`RenderedPicture::save`], and wrong options.
+pub fn save(picture: &RenderedPicture, path: &Path, options: &Options) -> Result<()> {
+    let SaveArgs { view, exposure, resumable, half, colorspace } = parse("save", options, &[] as &[&Path])?;
+    picture.save(path, (view, exposure), resumable, (half, colorspace))
 }
 
 const QUIET: Verbosity = Verbosity { quiet: true, verbose: 0, log: crate::console::LogFormat::Text };

@@ -9,9 +9,9 @@ use clap::Args;
 use serde::Serialize;
 
 use crate::Result;
-use crate::cli::scene_selection::SelectionArgs;
 use crate::console::{Verdict, print, print_json};
 use crate::integrator::PreparedScene;
+use crate::job::SceneSelection;
 use crate::job::memory::{self, Need};
 use crate::job::size;
 use crate::rays::Backend;
@@ -27,7 +27,7 @@ pub struct InspectArgs {
     /// The scene file, .gltf or .glb; or -, a GLB from standard input.
     scene: PathBuf,
     #[command(flatten)]
-    selection: SelectionArgs,
+    selection: SceneSelection,
     /// Environment map that the scene is to have, an equirectangular .hdr or .exr. No studio light is then added.
     #[arg(long, value_name = "FILE")]
     env: Option<PathBuf>,
@@ -50,7 +50,7 @@ pub fn run(args: &InspectArgs) -> Result<Verdict> {
     let map = environment.as_ref().map(EnvironmentFile::size);
     // Decoded to report a fault.
     environment.map(|file| file.decode(0.0, 1.0)).transpose()?;
-    let selection = args.selection.selection();
+    let selection = &args.selection;
     let imported = files.import(&selection.options(false, false))?;
     let at_rest = selection.is_posed().then(|| files.import(&selection.at_rest().options(false, false)));
     let at_rest = at_rest.transpose()?.map(|imported| Arc::new(imported.scene));
@@ -259,7 +259,11 @@ fn text(
 }
 
 fn hides(share: f32) -> String {
-    if share > clipped::TOLD { format!(", hides {:.0} % of what is in view", 100.0 * share) } else { String::new() }
+    if share > clipped::MIN_HIDDEN_SHARE {
+        format!(", hides {:.0} % of what is in view", 100.0 * share)
+    } else {
+        String::new()
+    }
 }
 
 fn notes(notes: &[Note]) -> Vec<Vec<String>> {

@@ -15,7 +15,7 @@ use std::sync::atomic::AtomicBool;
 use serde_json::json;
 
 use super::compare::page::save;
-use super::flag_values::check_ending;
+use super::options::check_ending;
 use crate::console::{Paths, Signals, Verbosity, Verdict, host, print_json, say};
 use crate::film::{atomic, preview};
 use crate::job::memory;

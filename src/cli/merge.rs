@@ -8,12 +8,12 @@ use clap::Args;
 
 use crate::batch::frames::Frames;
 use crate::batch::numbering::numbered;
-use crate::cli::view_args::ViewArgs;
 use crate::console::args::wait;
 use crate::console::{Paths, Verbosity, Verdict, say};
 use crate::farm::PathMapping;
 use crate::film::exr_file::HeaderValue;
 use crate::film::{Exposure, Look, ViewTransform, colors, preview};
+use crate::job::ViewOptions;
 use crate::job::claim_output;
 use crate::job::memory;
 use crate::render::record::merge::{memory_bytes, merge};
@@ -38,7 +38,7 @@ pub struct MergeArgs {
     #[arg(long, value_name = "FILE.png")]
     preview: Option<PathBuf>,
     #[command(flatten)]
-    view: ViewArgs,
+    view: ViewOptions,
     /// Exposure of the PNG in stops, or auto: the log-mean of all parts that are not dark becomes middle grey.
     #[arg(long, value_name = "EV", default_value_t = Exposure::Auto, allow_negative_numbers = true)]
     exposure: Exposure,

@@ -6,24 +6,20 @@ mod check;
 mod compare;
 mod develop;
 mod farm;
-pub mod flag_values;
 pub mod in_memory;
 mod inspect;
 mod labels;
 mod look;
 mod merge;
+pub mod options;
 mod render;
-mod scene_selection;
 mod sheet;
 mod study;
-mod view_args;
 
 use std::process::ExitCode;
 
 use clap::{CommandFactory, Parser, Subcommand};
 
-use crate::Error;
-use crate::console::args::command_line;
 use crate::console::help::{CompletionsArgs, ManArgs, OptionsArgs};
 use crate::console::{self, Verbosity, Verdict, progress};
 use crate::job;
@@ -77,17 +73,9 @@ pub fn run() -> ExitCode {
     console::run(
         |cli: &Cli| cli.verbosity,
         |cli| match &cli.command {
+            Command::Render(args) if !args.is_sequence() => render::run(args, cli.verbosity),
             Command::Render(args) => {
-                // Parsed again for the matches, which tell the flags that were given explicitly.
-                let (command, matches) = (Cli::command(), Cli::command().get_matches_from(command_line()));
-                let found = command.find_subcommand("render").zip(matches.subcommand_matches("render"));
-                let (command, matches) = found.ok_or_else(|| Error::Bug("no render".into()))?;
-                let mut args = args.clone();
-                args.given = render::given(command, matches).ok();
-                if !args.is_sequence() {
-                    return render::run(&args, cli.verbosity);
-                }
-                batch::sequence(&args, cli.verbosity).inspect_err(|error| progress::failed(args.progress, error))
+                batch::sequence(args, cli.verbosity).inspect_err(|error| progress::failed(args.progress, error))
             }
             Command::Inspect(args) => inspect::run(args),
             Command::Batch(args) => batch::run(args, cli.verbosity),

@@ -9,16 +9,14 @@ use std::io::stdin;
 use std::path::Path;
 use std::time::Instant;
 
-use clap::parser::{ArgMatches, ValueSource};
-use clap::{ArgAction, Args, Command, FromArgMatches};
+use clap::{Args, Command, FromArgMatches};
 use tracing::info;
 
 pub use args::RenderArgs;
 
-use super::flag_values::{Options, parse};
+use super::options::{Options, parse};
 use crate::Result;
 use crate::console::{Paths, Reporter, Signals, Verbosity, Verdict, host, progress, say};
-use crate::farm::utf8;
 use crate::film::atomic;
 use crate::job::{Inputs, Loaded, RenderRequest, Session, memory};
 
@@ -32,32 +30,7 @@ pub fn read(
     command: &Command,
     line: impl IntoIterator<Item = OsString>,
 ) -> std::result::Result<RenderArgs, clap::Error> {
-    let matches = command.clone().try_get_matches_from(line)?;
-    let mut args = RenderArgs::from_arg_matches(&matches)?;
-    args.given = given(command, &matches).ok();
-    Ok(args)
-}
-
-/// Flags of `command` that were given explicitly, to pass on to other processes: without dashes, with their values; `None` for
-/// switches.
-///
-/// # Errors
-/// [`Error::Usage`](crate::Error::Usage) for values that are not UTF-8.
-pub fn given(command: &Command, matches: &ArgMatches) -> Result<Vec<(String, Option<String>)>> {
-    let mut flags = Vec::new();
-    for arg in command.get_arguments() {
-        let (id, Some(name)) = (arg.get_id().as_str(), arg.get_long()) else { continue };
-        if matches.try_contains_id(id).is_err() || matches.value_source(id) != Some(ValueSource::CommandLine) {
-            continue;
-        }
-        let value = match arg.get_action() {
-            ArgAction::SetTrue => None,
-            _ => matches.get_raw(id).and_then(|mut values| values.next()),
-        };
-        let value = value.map(|value| utf8(value.as_ref()).map(str::to_owned)).transpose()?;
-        flags.push((name.to_owned(), value));
-    }
-    Ok(flags)
+    RenderArgs::from_arg_matches(&command.clone().try_get_matches_from(line)?)
 }
 
 /// The request by options: names of flags without dashes, and their values.
@@ -65,14 +38,7 @@ pub fn given(command: &Command, matches: &ArgMatches) -> Result<Vec<(String, Opt
 /// # Errors
 /// [`Error::Usage`](crate::Error::Usage).
 pub fn request(scene: &Path, options: &Options) -> Result<RenderRequest> {
-    let mut args: RenderArgs = parse("render", options, &[scene])?;
-    let text = |value: &OsString| value.to_str().map(str::to_owned);
-    let flag = |(name, value): &(String, Option<OsString>)| match value {
-        Some(value) => Some((name.clone(), Some(text(value)?))),
-        None => Some((name.clone(), None)),
-    };
-    args.given = options.iter().map(flag).collect();
-    args.request()
+    parse::<RenderArgs>("render", options, &[scene])?.request()
 }
 
 pub fn run(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
@@ -85,13 +51,13 @@ fn render(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
     args.check()?;
     let mut args = args.on_this_machine()?;
     let from_pipe = args.takes_standard_input();
-    let (threads, source) = host::threads(args.threads)?;
     let request = args.request()?;
+    let (threads, source) = host::threads(request.threads)?;
     if let Some(pixel_path) = args.replay_pixel {
         return host::pool(threads)?.install(|| replay::run(&request, pixel_path));
     }
     let mut paths = Paths::default();
-    [&args.output, &args.preview, &args.stats].into_iter().flatten().for_each(|path| atomic::named(path));
+    [&args.output, &request.preview, &request.stats].into_iter().flatten().for_each(|path| atomic::named(path));
     atomic::confine(&[]);
     args.path_mapping.iter().try_for_each(|path| paths.reads("--path-mapping", path))?;
     request.declare("", &mut paths)?;
@@ -138,9 +104,8 @@ mod tests {
 
     #[test]
     fn a_request_by_default_is_the_command_without_flags() {
-        let plain = request(Path::new("a.glb"), &[]).unwrap();
-        let (scene, output, given) = ("a.glb".into(), "a.exr".into(), Some(Vec::new()));
-        let default = RenderRequest { scene, output, given, ..RenderRequest::default() };
+        let plain = request(Path::new("a.glb"), &Options::new()).unwrap();
+        let default = RenderRequest { scene: "a.glb".into(), output: "a.exr".into(), ..RenderRequest::default() };
         assert_eq!(format!("{plain:#?}"), format!("{default:#?}"));
     }
 }

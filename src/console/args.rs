@@ -1,6 +1,7 @@
 //! Parsers for flag values that several commands share.
 
 use std::ffi::OsString;
+use std::fmt::{self, Display};
 use std::str::FromStr;
 
 use super::host::MAX_THREADS;
@@ -76,6 +77,12 @@ pub fn not_negative(text: &str) -> Result<f64, String> {
 /// A picture's size in pixels, `WxH`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Size(pub u32, pub u32);
+
+impl Display for Size {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        write!(f, "{}x{}", self.0, self.1)
+    }
+}
 
 impl FromStr for Size {
     type Err = String;

@@ -1,5 +1,6 @@
 //! Shows a render in progress in the viewer tev (github.com/Tom94/tev), by its network protocol.
 
+use std::fmt::{self, Display};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpStream, ToSocketAddrs};
 use std::str::FromStr;
 use std::time::Duration;
@@ -39,6 +40,12 @@ impl FromStr for Address {
         }
         let host = if host.is_empty() { Ipv4Addr::LOCALHOST.to_string() } else { host.into() };
         Ok(Self { host, port })
+    }
+}
+
+impl Display for Address {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        write!(f, "[{}]:{}", self.host, self.port)
     }
 }
 

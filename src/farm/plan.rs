@@ -6,9 +6,10 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use super::names::{printable, utf8};
-use crate::batch::frames::Frames;
-use crate::batch::job::{Job, argument};
+use crate::batch::frames::{Frames, Sequence};
+use crate::batch::job::Job;
 use crate::batch::numbering::numbered;
+use crate::job::argument;
 use crate::scene::import::read_own;
 use crate::{Error, Result};
 
@@ -20,13 +21,11 @@ pub struct Plan {
     pub name: String,
     /// Folder of scripts, logs and parts; absolute.
     pub folder: PathBuf,
-    /// The batch file or scene that was submitted; absolute. Empty in plans of earlier versions.
-    #[serde(default, skip_serializing_if = "String::is_empty")]
+    /// The batch file or scene that was submitted; absolute.
     pub input: String,
     /// Number of parts of every picture.
     pub parts: u32,
     /// Whether a task that ran out of memory is run again, once, with 1.5 times as much.
-    #[serde(default)]
     pub retries_memory: bool,
     /// Renders of pictures or parts; all can run at the same time.
     pub tasks: Vec<Task>,
@@ -46,7 +45,6 @@ pub struct Task {
     /// Absolute path of the file; for frames, with a placeholder for the number.
     pub output: PathBuf,
     /// Frames of a sequence.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frames: Option<Frames>,
 }
 
@@ -60,7 +58,6 @@ pub struct Merge {
     /// Absolute path of the file; for frames, with a placeholder for the number.
     pub output: PathBuf,
     /// Frames of a sequence.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frames: Option<Frames>,
     /// Index of the first and of the last task that it depends on.
     pub tasks: (usize, usize),
@@ -73,7 +70,7 @@ const WAIT_SECONDS: &str = "60";
 /// Flags for the merged picture, not for its parts.
 const FLAGS_OF_MERGE: [&str; 5] = ["preview", "view", "view-space", "exposure", "stats"];
 /// Version of the plan's format. Plans of other versions are not run.
-const SCHEMA: u32 = 1;
+const SCHEMA: u32 = 2;
 /// File name of the plan in its folder.
 pub const PLAN: &str = "farm.json";
 
@@ -97,23 +94,19 @@ impl Plan {
         let mut plan =
             Self { schema: SCHEMA, name, folder, input: String::new(), parts, retries_memory: false, tasks, merges };
         for render in renders {
-            if parts > 1
-                && let Some((flag, _)) = render.flags.iter().find(|(flag, _)| flag == "time")
-            {
+            if parts > 1 && render.request.time.is_some() {
                 return Err(Error::Usage(format!(
-                    "'{}' stops by --{flag}, so its parts would stop at different numbers of paths: use --spp or --noise instead",
+                    "'{}' stops by --time, so its parts would stop at different numbers of paths: use --spp or --noise instead",
                     render.name
                 )));
             }
-            let mut render = render.clone();
-            match render.take("frames") {
-                None => plan.add(&render, None, utf8(program)?, progress)?,
-                Some(frames) => {
-                    let frames: Frames = frames.parse().map_err(|why| Error::Usage(format!("--frames: {why}")))?;
+            match &render.sequence {
+                Some(Sequence::Frames(frames)) => {
                     for frames in frames.chunks(chunk as usize) {
-                        plan.add(&render, Some(frames), utf8(program)?, progress)?;
+                        plan.add(render, Some(frames), utf8(program)?, progress)?;
                     }
                 }
+                _ => plan.add(render, None, utf8(program)?, progress)?,
             }
         }
         plan.check()?;
@@ -123,17 +116,23 @@ impl Plan {
     fn add(&mut self, render: &Job, frames: Option<Frames>, program: &str, progress: &str) -> Result<()> {
         let parts = self.parts;
         let first = self.tasks.len();
-        let which = frames.as_ref().map(|frames| format!("--frames={frames}"));
+        let which = match (&frames, &render.sequence) {
+            (Some(frames), _) => Some(format!("--frames={frames}")),
+            (None, Some(Sequence::Turntable(count))) => Some(format!("--turntable={count}")),
+            (None, Some(Sequence::Cameras(file))) => Some(format!("--cameras={}", utf8(file)?)),
+            _ => None,
+        };
+        let request = &render.request;
         let (of_merge, of_tasks): (Vec<_>, Vec<_>) =
-            render.flags.iter().partition(|(name, _)| parts > 1 && FLAGS_OF_MERGE.contains(&name.as_str()));
-        let checkpoints = of_tasks.iter().any(|(name, _)| name == "checkpoint");
+            request.flags()?.into_iter().partition(|(name, _)| parts > 1 && FLAGS_OF_MERGE.contains(&name.as_str()));
+        let checkpoints = request.checkpoint.is_some();
         for part in 1..=parts {
             let output = match parts {
-                1 => render.output.clone(),
+                1 => request.output.clone(),
                 _ => self.folder.join("parts").join(format!("{}.{part}-of-{parts}.exr", render.name)),
             };
-            let mut command = vec![program.into(), "render".into(), utf8(&render.scene)?.into()];
-            command.extend(of_tasks.iter().map(|f| argument(f)));
+            let mut command = vec![program.into(), "render".into(), utf8(&request.scene)?.into()];
+            command.extend(of_tasks.iter().map(argument));
             command.extend(which.clone());
             if parts > 1 {
                 command.push(format!("--part={part}/{parts}"));
@@ -155,12 +154,12 @@ impl Plan {
             if !checkpoints {
                 command.push("--no-statistics".into());
             }
-            command.extend(of_merge.iter().filter(|(name, _)| name != "stats").map(|f| argument(f)));
-            command.push(format!("--output={}", utf8(&render.output)?));
+            command.extend(of_merge.iter().filter(|(name, _)| name != "stats").map(argument));
+            command.push(format!("--output={}", utf8(&request.output)?));
             for task in &self.tasks[first..] {
                 command.push(utf8(&task.output)?.into());
             }
-            let (tasks, output) = ((first, self.tasks.len() - 1), render.output.clone());
+            let (tasks, output) = ((first, self.tasks.len() - 1), request.output.clone());
             self.merges.push(Merge { render: render.name.clone(), command, output, frames, tasks });
         }
         Ok(())
@@ -244,16 +243,18 @@ pub fn files(output: &Path, frames: Option<&Frames>) -> Vec<PathBuf> {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
+    use crate::job::RenderRequest;
 
     /// Two renders in `parts` parts.
     pub fn plan(parts: u32) -> Plan {
-        let render = |name: &str| Job {
-            name: name.into(),
+        let request = |name: &str| RenderRequest {
             scene: "/s/it's a hall.glb".into(),
             output: format!("/o/{name}.exr").into(),
-            flags: vec![("spp".into(), Some("64".into())), ("preview".into(), Some(format!("/o/{name}.png")))],
-            ..Job::default()
+            spp: Some(64),
+            preview: Some(format!("/o/{name}.png").into()),
+            ..RenderRequest::default()
         };
+        let render = |name: &str| Job { name: name.into(), request: request(name), ..Job::default() };
         Plan::new("shots", Path::new("/f"), Path::new("bismar"), "plain", &[render("a"), render("b")], (parts, 1))
             .unwrap()
     }
@@ -274,13 +275,14 @@ pub(crate) mod tests {
 
     /// Frames 1 to 7 in tasks of `chunk` frames and `parts` parts.
     pub fn sequence(parts: u32, chunk: u32) -> Plan {
-        let render = Job {
-            name: "a.####".into(),
+        let request = RenderRequest {
             scene: "/s/a.glb".into(),
             output: "/o/a.####.exr".into(),
-            flags: vec![("frames".into(), Some("1-7".into())), ("preview".into(), Some("/o/a.####.png".into()))],
-            ..Job::default()
+            preview: Some("/o/a.####.png".into()),
+            ..RenderRequest::default()
         };
+        let sequence = "1-7".parse().ok().map(Sequence::Frames);
+        let render = Job { name: "a.####".into(), request, sequence, ..Job::default() };
         Plan::new("shots", Path::new("/f"), Path::new("bismar"), "plain", &[render], (parts, chunk)).unwrap()
     }
 
@@ -309,7 +311,7 @@ pub(crate) mod tests {
             std::fs::write(&path, serde_json::to_string(&Plan { schema, ..plan(2) }).unwrap()).unwrap();
             Plan::read(&path)
         };
-        assert_eq!(read(1).unwrap(), plan(2));
+        assert_eq!(read(SCHEMA).unwrap(), plan(2));
         let refused = read(99).unwrap_err();
         assert!(refused.exit_code() == 65 && refused.to_string().contains("format 99"), "{refused}");
     }
@@ -319,13 +321,8 @@ pub(crate) mod tests {
         let whole = plan(1);
         assert!(whole.merges.is_empty() && !whole.tasks[0].command.join(" ").contains("--part"));
         assert_eq!(whole.tasks[1].output, Path::new("/o/b.exr"));
-        let timed = Job {
-            name: "a".into(),
-            scene: "/a.glb".into(),
-            output: "/a.exr".into(),
-            flags: vec![("time".into(), Some("3".into()))],
-            ..Job::default()
-        };
+        let request = RenderRequest { time: Some(3.0), ..RenderRequest::default() };
+        let timed = Job { name: "a".into(), request, ..Job::default() };
         let in_parts = |parts: u32| {
             Plan::new("x", Path::new("/f"), Path::new("bismar"), "plain", std::slice::from_ref(&timed), (parts, 1))
         };

@@ -29,7 +29,6 @@ pub struct Sessions {
     /// Whether the memory limit was raised.
     pub memory_raised: bool,
     /// Raised memory limit in MiB; a session with less was started before the scheduler applied it.
-    #[serde(default)]
     pub memory_raised_to: u64,
     /// Whether the last session ran out of memory.
     pub out_of_memory: bool,

@@ -128,7 +128,6 @@ pub fn merge(plan: &Plan, number: usize, arrays: &[Array]) -> Result<Vec<String>
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Submitted {
     /// By which the file is known as ours.
-    #[serde(default)]
     schema: u32,
     /// Arrays of tasks.
     pub arrays: Vec<Array>,

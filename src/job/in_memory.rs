@@ -10,14 +10,14 @@ use std::time::Instant;
 pub use heuristic::{Heuristic, PixelMoments};
 
 use super::stats::{Seconds, Stats};
-use super::{Inputs, Loaded, OutputWriter, RenderRequest, Session, claim_output, preview_mark, settings};
+use super::{Inputs, Loaded, OutputWriter, RenderRequest, Session, ViewOptions, claim_output, preview_mark, settings};
 use crate::color::ColorSpace;
 use crate::console::Paths;
 use crate::film::aov::{Channel, Value, beauty};
 use crate::film::compare::{Comparison, compare as compare_pictures, in_common};
 use crate::film::denoise::{DENOISED, Denoiser, denoised_layers};
 use crate::film::picture::Picture as FilmPicture;
-use crate::film::{Background, Exposure, Look, Pixels, View, ViewTransform, colors, preview};
+use crate::film::{Background, Exposure, Look, Pixels, View, colors, preview};
 use crate::integrator::PreparedScene;
 use crate::render::settings::camera::lens;
 use crate::render::{Identity, Progress, RenderSettings, Rendered, RunOptions, StopReason, run};
@@ -139,7 +139,7 @@ impl LoadedScene {
     ) -> Result<RenderedPicture> {
         let began = Instant::now();
         // A view and its AOVs may be others.
-        let of_scene = |r: &RenderRequest| RenderRequest { camera: None, aovs: Vec::new(), ..r.clone() }.scene_key();
+        let of_scene = |r: &RenderRequest| RenderRequest { camera: None, aov: Vec::new(), ..r.clone() }.scene_key();
         if of_scene(&request) != of_scene(&self.request) {
             return Err(Error::Usage("the request is for another scene than the one in memory".into()));
         }
@@ -152,10 +152,6 @@ impl LoadedScene {
         lens(&loaded.prepared, &settings)?;
         request.placed =
             self.placed.iter().find(|(index, _)| *index == settings.camera).map(|(_, placed)| placed.clone());
-        if let (Some(placed), Some(given)) = (&request.placed, &mut request.given) {
-            given.retain(|(name, _)| name != "camera");
-            given.push(("placed".into(), Some(placed.to_string())));
-        }
         session(&request, &self.inputs).check_memory()?;
         if request.denoise.is_some() {
             Denoiser::load()?;
@@ -241,7 +237,7 @@ impl RenderedPicture {
 
     /// Names for [`Self::layer`]: `beauty` and the AOVs.
     pub fn layers(&self) -> Vec<&'static str> {
-        ["beauty"].into_iter().chain(self.request.aovs.iter().map(|aov| aov.name())).collect()
+        ["beauty"].into_iter().chain(self.request.aovs().iter().map(|aov| aov.name())).collect()
     }
 
     /// A layer's channels, named as in the file without the layer, and their values.
@@ -253,7 +249,7 @@ impl RenderedPicture {
         let channels = if name == "beauty" {
             beauty(self.rendered.background)
         } else {
-            let aovs = self.request.aovs.iter();
+            let aovs = self.request.aovs().into_iter();
             let channels = aovs.flat_map(|aov| {
                 let whole = aov.name() == name;
                 let mut channels = aov.channels(settings.aovs, settings.extras, pixels.light_groups());
@@ -320,17 +316,15 @@ impl RenderedPicture {
     pub fn save(
         &self,
         path: &Path,
-        look: (ViewTransform, Exposure),
+        (view, exposure): (ViewOptions, Exposure),
         resumable: bool,
         (half, colorspace): (bool, ColorSpace),
     ) -> Result<()> {
         let mut paths = Paths::clone(&self.paths);
         let mut request = self.request.clone();
         request.output = path.into();
-        (request.view, request.exposure) = look;
-        if let ViewTransform::Lut(_, path, _) = &request.view {
-            paths.reads("view", path)?;
-        }
+        (request.view, request.exposure) = (view, exposure);
+        request.declare_inputs("", &mut paths)?;
         paths.writes("the picture", path)?;
         let ending = path.extension().map(|ending| ending.to_ascii_lowercase()).unwrap_or_default();
         match ending.to_str() {
@@ -350,8 +344,9 @@ impl RenderedPicture {
             Some(_) if preview::has_ending(path) => {
                 let _claim = claim_output(path)?;
                 let exposure = request.exposure.of(colors(&self.rendered.pixels()));
-                let look = Look { view: request.view.clone(), exposure };
-                let mark = preview_mark(&request, &self.inputs, self.rendered.stats.paths);
+                let view = request.view.transform()?;
+                let mark = preview_mark(&request, &view, &self.inputs, self.rendered.stats.paths);
+                let look = Look { view, exposure };
                 if request.denoise.is_none() {
                     return preview::write(path, &self.rendered.pixels(), &look, &mark);
                 }

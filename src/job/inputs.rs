@@ -124,8 +124,8 @@ impl Inputs {
             request.light_unit,
             request.light_radius,
             request.sun_angle,
-            request.settings.back_faces,
-            request.settings.clip
+            request.back_faces,
+            request.no_clip
         );
         let known = || self.own_light.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(found) = known().get(&key) {

@@ -5,11 +5,11 @@ use std::time::Instant;
 
 use tracing::{debug, info, warn};
 
-use super::choose::{self, DEFAULT_SIZE};
 use super::inputs::Inputs;
 use super::memory;
 use super::request::RenderRequest;
 use super::scene::{make_scene, scene_at_rest};
+use super::settings::{self, DEFAULT_SIZE};
 use super::stats::Seconds;
 use crate::integrator::PreparedScene;
 use crate::light::AreaLights;
@@ -114,8 +114,8 @@ impl Loaded {
         let camera = match (&request.placed, &request.orbit) {
             (Some(placed), _) => placed.camera_in(&self.prepared.scene, aspect)?,
             (None, Some(orbit)) => orbit.camera(&self.prepared.scene, aspect),
-            (None, None) if choose::is_panorama(&self.prepared.scene.cameras, request) => {
-                choose::panorama(&self.prepared.scene)
+            (None, None) if settings::is_panorama(&self.prepared.scene.cameras, request) => {
+                settings::panorama(&self.prepared.scene)
             }
             (None, None) => return Ok(None),
         };
@@ -137,8 +137,8 @@ fn with_light<'a>(
     }
     let start = Instant::now();
     let measured = |prepared: &PreparedScene| {
-        let camera = choose::camera_of_file(&prepared.scene.cameras, request)?;
-        Ok(default_light::own_light(prepared, camera, &request.settings))
+        let camera = settings::camera_of_file(&prepared.scene.cameras, request)?;
+        Ok(default_light::own_light(prepared, camera, &request.settings()))
     };
     let found = inputs.own_light(request, || match at_rest {
         None => measured(&prepared),

@@ -3,8 +3,6 @@
 //! make a [`RenderRequest`] and hand it over.
 
 mod checkpoints;
-mod choose;
-mod command;
 mod denoise;
 mod in_memory;
 mod inputs;
@@ -13,19 +11,20 @@ pub mod memory;
 mod output;
 mod request;
 mod scene;
-mod selection;
 mod session;
+mod settings;
 pub mod stats;
 mod warnings;
 
-pub use choose::{DEFAULT_SIZE, settings, size};
-pub use command::PictureCommand;
 pub use denoise::work as denoise;
 pub use in_memory::{CameraInfo, Heuristic, LoadedScene, PixelMoments, RenderedPicture, Values, compare};
 pub use inputs::{Files, Inputs};
 pub use loaded::{Building, Loaded};
 pub use output::{OutputWriter, preview_mark};
-pub use request::{LightUnit, RenderRequest, claim_output};
-pub use selection::SceneSelection;
+pub use request::{
+    LightUnit, OnOff, Preset, RenderRequest, SceneSelection, TechniqueOptions, ViewOptions, argument, claim_output,
+    value_of,
+};
 pub use session::{Done, Session};
+pub use settings::{DEFAULT_SIZE, settings, size};
 pub(crate) use stats::write_json;

@@ -7,7 +7,6 @@ use std::time::Instant;
 
 use glam::{DMat4, DVec3, Mat4};
 
-use super::command::PictureCommand;
 use super::denoise::denoised_elsewhere;
 use super::inputs::Inputs;
 use super::loaded::Loaded;
@@ -16,7 +15,7 @@ use super::stats::{Seconds, Stats};
 use crate::film::aov::{MATERIALS, OBJECTS};
 use crate::film::denoise::{DENOISED, Denoiser, denoised_layers};
 use crate::film::exr_file::{CALIBRATION, Header, HeaderValue, WORLD_TO_CAMERA, WORLD_TO_NDC};
-use crate::film::{Aov, Background, Look, Picture, colors, cryptomatte, exr_file, preview};
+use crate::film::{Aov, Background, Look, Picture, ViewTransform, colors, cryptomatte, exr_file, preview};
 use crate::render::record::checkpoint::{self, Host, json};
 use crate::render::{Identity, Record, Rendered, StopReason, camera};
 use crate::scene::{Projection, Scene};
@@ -29,6 +28,7 @@ pub struct OutputWriter<'a> {
     threads: usize,
     loaded: &'a Loaded,
     identity: &'a Identity,
+    view: ViewTransform,
     /// Whether the finished picture holds the state to continue from.
     resumable: bool,
     /// The denoised layers of the finished picture, row by row.
@@ -37,10 +37,10 @@ pub struct OutputWriter<'a> {
 }
 
 impl<'a> OutputWriter<'a> {
-    /// Loads the denoiser once, so that a missing one is an error before the render.
+    /// Loads the denoiser and the LUT once, so that a missing one is an error before the render.
     ///
     /// # Errors
-    /// Those of [`Denoiser::load`].
+    /// Those of [`Denoiser::load`] and [`ViewOptions::transform`](super::ViewOptions::transform).
     pub fn new(
         request: &'a RenderRequest,
         inputs: &'a Inputs,
@@ -50,8 +50,9 @@ impl<'a> OutputWriter<'a> {
         resumable: bool,
     ) -> Result<Self> {
         request.denoise.map(|_| Denoiser::load()).transpose()?;
+        let view = request.view.transform()?;
         let (denoised, seconds) = (RefCell::default(), Cell::new(loaded.seconds()));
-        Ok(Self { request, inputs, threads, loaded, identity, resumable, denoised, seconds })
+        Ok(Self { request, inputs, threads, loaded, identity, view, resumable, denoised, seconds })
     }
 
     /// Writes EXR and PNG of a render that continues.
@@ -143,23 +144,18 @@ impl<'a> OutputWriter<'a> {
         if let Projection::Calibrated(of) = scene.cameras[settings.camera].projection {
             header.push((CALIBRATION.into(), json(&of.scaled(settings.width, settings.height))?));
         }
-        header.extend(names(scene, &self.request.aovs)?);
-        PictureCommand::write(self.request, &mut header)?;
+        header.extend(names(scene, &self.request.aovs())?);
+        self.request.write(&mut header)?;
         Ok(header)
     }
 
     fn write_preview(&self, rendered: &Rendered, stats: &Stats) -> Result<()> {
         let Some(path) = &self.request.preview else { return Ok(()) };
-        let mark = preview_mark(self.request, self.inputs, rendered.stats.paths);
+        let mark = preview_mark(self.request, &self.view, self.inputs, rendered.stats.paths);
         if !self.denoised.borrow().is_empty() {
-            return develop_file(self.request, path, rendered.background, &mark).map(drop);
+            return develop_file(self.request, &self.view, path, rendered.background, &mark).map(drop);
         }
-        preview::write(
-            path,
-            &rendered.pixels(),
-            &Look { view: self.request.view.clone(), exposure: stats.exposure },
-            &mark,
-        )
+        preview::write(path, &rendered.pixels(), &Look { view: self.view.clone(), exposure: stats.exposure }, &mark)
     }
 
     fn add_write_seconds(&self, start: Instant) {
@@ -192,7 +188,13 @@ fn names(scene: &Scene, aovs: &[Aov]) -> Result<Header> {
 }
 
 /// Writes a PNG from the command's EXR, denoised if requested; returns its exposure in stops.
-pub fn develop_file(request: &RenderRequest, png: &Path, background: Background, mark: &str) -> Result<f32> {
+pub fn develop_file(
+    request: &RenderRequest,
+    view: &ViewTransform,
+    png: &Path,
+    background: Background,
+    mark: &str,
+) -> Result<f32> {
     let output = &request.output;
     let mut picture = Picture::open(output, None)?;
     let exposure = request.exposure.of(picture.colors());
@@ -200,12 +202,12 @@ pub fn develop_file(request: &RenderRequest, png: &Path, background: Background,
         picture.rgb = Picture::open(output, Some(DENOISED))?.rgb;
     }
     let opaque = background != Background::Transparent;
-    preview::write_picture(png, &picture, opaque, &Look { view: request.view.clone(), exposure }, mark)?;
+    preview::write_picture(png, &picture, opaque, &Look { view: view.clone(), exposure }, mark)?;
     Ok(exposure)
 }
 
 /// Text stored in a PNG, which differs for PNGs of other renders, views, exposures and numbers of paths.
-pub fn preview_mark(request: &RenderRequest, inputs: &Inputs, paths: u64) -> String {
-    let key = inputs.identity(request, &request.settings).request(&request.requested());
-    format!("view {}, exposure {}, {paths} paths of {key}", request.view.key(), request.exposure)
+pub fn preview_mark(request: &RenderRequest, view: &ViewTransform, inputs: &Inputs, paths: u64) -> String {
+    let key = inputs.identity(request, &request.settings()).request(&request.requested());
+    format!("view {}, exposure {}, {paths} paths of {key}", view.key(), request.exposure)
 }

@@ -3,7 +3,7 @@
 use tracing::{debug, warn};
 
 use super::inputs::Files;
-use super::request::RenderRequest;
+use super::request::{OnOff, RenderRequest};
 use crate::Result;
 use crate::scene::import::{NoteKind, SceneFiles};
 use crate::scene::{Environment, Scene};
@@ -36,7 +36,7 @@ fn apply_flags(request: &RenderRequest, scene: &mut Scene) {
         light.set_size(request.light_radius, request.sun_angle.map(f32::to_radians));
         light.motion.iter_mut().for_each(|key| key.intensity *= unit);
     }
-    if !request.energy_compensation {
+    if request.energy_compensation == OnOff::Off {
         scene.materials.iter_mut().for_each(|material| material.energy_compensation = false);
     }
 }

@@ -8,12 +8,12 @@ use std::time::Instant;
 use tracing::{info, warn};
 
 use super::checkpoints::Checkpoints;
-use super::choose::{settings, size_of_aspect};
 use super::inputs::Inputs;
 use super::loaded::Loaded;
 use super::memory::{self, Need};
 use super::output::{OutputWriter, develop_file, preview_mark};
 use super::request::RenderRequest;
+use super::settings::{settings, size_of_aspect};
 use super::stats::{self, Stats};
 use super::warnings;
 use crate::console::tev::Tev;
@@ -81,7 +81,7 @@ impl Session<'_> {
             return Ok(None);
         }
         let Some(earlier) = Earlier::read(output)? else { return Ok(None) };
-        let settings = &self.request.settings;
+        let settings = &self.request.settings();
         let answers = earlier.record.matches(&self.inputs.identity(self.request, settings), &self.request.requested());
         if !answers || !self.is_done(&earlier, settings) {
             return Ok(None);
@@ -105,11 +105,12 @@ impl Session<'_> {
         if let Some(path) = &request.stats {
             stats::write_again(path, &earlier.header, &exr_file::checksum(&output)?)?;
         }
-        let mark = preview_mark(request, self.inputs, record.stats.paths);
+        let view = request.view.transform()?;
+        let mark = preview_mark(request, &view, self.inputs, record.stats.paths);
         let Some(png) = request.preview.as_ref().filter(|png| preview::mark(png).as_ref() != Some(&mark)) else {
             return Ok(Done::Before(output, record.spp(), None));
         };
-        let exposure = develop_file(request, png, record.background, &mark)?;
+        let exposure = develop_file(request, &view, png, record.background, &mark)?;
         Ok(Done::Before(output, record.spp(), Some(exposure)))
     }
 
@@ -129,12 +130,12 @@ impl Session<'_> {
     pub fn check_memory(&self) -> Result<memory::Limit> {
         let (request, scene) = (self.request, &self.inputs.scene);
         let (width, height) = request.size.map_or_else(|| self.size_by_camera(), |s| (s.0, s.1));
-        let settings = RenderSettings { width, height, ..request.settings.clone() };
+        let settings = RenderSettings { width, height, ..request.settings() };
         let [x0, y0, x1, y1] = settings.window().map(u64::from);
         // A window that is not inside the picture is an error once the camera is known.
         let window_pixels = if x1 <= width.into() && y1 <= height.into() { (x1 - x0) * (y1 - y0) } else { 0 };
         // Parts differ by at most one tile.
-        let pixels = match request.settings.part {
+        let pixels = match request.part {
             Some(part) => window_pixels.div_ceil(part.of.into()) + u64::from(TILE * TILE),
             None => window_pixels,
         };
@@ -144,7 +145,7 @@ impl Session<'_> {
             settings: &settings,
             pixels,
             window_pixels,
-            saves: request.checkpoint.is_some() || request.settings.part.is_some(),
+            saves: request.checkpoint.is_some() || request.part.is_some(),
             denoises: request.denoise.is_some(),
             rays: request.rays,
             threads: self.threads,
@@ -232,15 +233,11 @@ impl Session<'_> {
         rendering_ends(!interrupted);
         self.check_paths(&rendered, paths_before)?;
         if !interrupted {
-            let (part, lights) = (request.settings.part.is_some(), &loaded.prepared.scene.lights);
+            let (part, lights) = (request.part.is_some(), &loaded.prepared.scene.lights);
             warnings::black_picture(output, &rendered, part, lights, request.light_unit);
         }
-        let mut stats = writer.write_final(
-            &rendered,
-            interrupted || resumable || request.settings.part.is_some(),
-            self.began,
-            stop,
-        )?;
+        let mut stats =
+            writer.write_final(&rendered, interrupted || resumable || request.part.is_some(), self.began, stop)?;
         if interrupted {
             checkpoints.saved();
             return Err(self.interrupted(&rendered));

@@ -12,7 +12,7 @@ use crate::rays::BackendInfo;
 use crate::render::pass::tile::Tile;
 use crate::render::record::checkpoint::Host;
 use crate::render::record::goals::learned_alike;
-use crate::render::settings::clipped::{TOLD, hidden_share};
+use crate::render::settings::clipped::{MIN_HIDDEN_SHARE, hidden_share};
 use crate::render::{BuildInfo, Record, RenderSettings, Rendered, Saved};
 use crate::scene::{PunctualKind, PunctualLight};
 
@@ -72,7 +72,7 @@ pub fn wide_lens(request: &RenderRequest, radius: f32, focus: f32) {
 pub fn clipped(request: &RenderRequest, scene: &PreparedScene, camera: usize) {
     let camera = &scene.scene.cameras[camera];
     let share = hidden_share(scene, camera);
-    if share > TOLD {
+    if share > MIN_HIDDEN_SHARE {
         warn!(
             "{}: zfar of camera '{}' hides {:.0} % of what is in view; --no-clip shows it",
             request.scene.display(),

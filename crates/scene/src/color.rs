@@ -1,22 +1,18 @@
 //! Colour in linear Rec. 709 RGB.
 
 use glam::{DMat3, DVec3, Mat3, Vec3, dvec3};
-use serde::{Deserialize, Serialize};
 
-/// A space of linear RGB colours.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum ColorSpace {
-    /// ITU-R BT.709, whose primaries are those of sRGB.
-    #[default]
-    Rec709,
-    /// ACEScg (S-2014-004): the primaries AP1.
-    Acescg,
-    /// ITU-R BT.2020.
-    Rec2020,
+named_variants! {
+    /// A space of linear RGB colours.
+    pub enum ColorSpace {
+        /// The primaries of sRGB.
+        Rec709 = "rec709",
+        /// ACEScg: AP1.
+        Acescg = "acescg",
+        /// ITU-R BT.2020.
+        Rec2020 = "rec2020",
+    }
 }
-
-named_variants! { ColorSpace { Rec709 = "rec709", Acescg = "acescg", Rec2020 = "rec2020" } }
 
 impl ColorSpace {
     /// CIE x and y of red, green, blue and white, as in OpenEXR's attribute.

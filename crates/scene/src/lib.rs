@@ -4,9 +4,34 @@
 //! compiled in parallel with the others.
 #![allow(missing_docs, reason = "a name that says all needs no line")]
 
-/// Gives an enum the list `ALL` of its variants, in the order of the command line's help, and their names there.
+/// An enum whose variants are values of a flag.
+pub trait Named: Copy + Send + Sync + 'static {
+    /// Its variants in the order of the command line's help, with their names there and their help.
+    const VALUES: &'static [(Self, &'static str, &'static str)];
+}
+
+/// Gives an enum the list `ALL` of its variants, in the order of the command line's help, and their names there. An enum that is
+/// declared by it is [`Named`]: its first variant is the default, and what is written above a variant is its help.
 #[macro_export]
 macro_rules! named_variants {
+    ($(#[$about:meta])* pub enum $kind:ident { $($(#[doc = $help:literal])+ $variant:ident = $name:literal),+ $(,)? }) => {
+        $(#[$about])*
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, ::serde::Serialize, ::serde::Deserialize)]
+        pub enum $kind { $($(#[doc = $help])+ #[serde(rename = $name)] $variant),+ }
+
+        $crate::named_variants! { $kind { $($variant = $name),+ } }
+
+        impl Default for $kind {
+            fn default() -> Self {
+                Self::ALL[0]
+            }
+        }
+
+        impl $crate::Named for $kind {
+            const VALUES: &'static [(Self, &'static str, &'static str)] =
+                &[$((Self::$variant, $name, concat!($($help),+))),+];
+        }
+    };
     ($kind:ident { $($variant:ident = $name:literal),+ $(,)? }) => {
         impl $kind {
             /// All of them, in the order of the command line's help.

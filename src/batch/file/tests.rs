@@ -19,7 +19,7 @@ fn flags() -> HashMap<String, Flag> {
     .into()
 }
 
-fn jobs(text: &str) -> FileResult<Vec<Job>> {
+fn jobs(text: &str) -> FileResult<Vec<JobText>> {
     parse(text, Path::new("shots"), &flags())
 }
 
@@ -47,8 +47,8 @@ fn a_matrix_is_every_combination_and_defaults_stand_behind() {
     assert_eq!(jobs[11].name, "yard-top-3");
     assert_eq!(jobs[0].scene, Path::new("shots/a/hall.glb"));
     assert_eq!(jobs[0].output, Path::new("shots/out/hall-front-1.exr"));
-    assert_eq!(jobs[0].arguments(), ["--spp=64", "--camera=front", "--seed=1", "--noise=1e-3"]);
-    assert_eq!(jobs[12].arguments(), ["--spp=8", "--no-env"]);
+    assert_eq!(jobs[0].flags, ["--spp=64", "--camera=front", "--seed=1", "--noise=1e-3"]);
+    assert_eq!(jobs[12].flags, ["--spp=8", "--no-env"]);
     assert_eq!(jobs[12].output, Path::new("shots/out/last.exr"));
 }
 
@@ -56,7 +56,7 @@ fn a_matrix_is_every_combination_and_defaults_stand_behind() {
 fn lists_are_one_value_and_in_a_matrix_several() {
     let text = "[defaults]\naov = ['albedo', 'normal']\n[[job]]\nscene = 'a'\nsize = [64, 48]\n\
                 [[matrix]]\nscene = 'b'\nsize = [[64, 48], '32x24']\n[[matrix]]\nscene = 'c'\naov = ['depth', 'all']";
-    let lines: Vec<_> = jobs(text).unwrap().iter().map(|j| format!("{} {}", j.name, j.arguments().join(" "))).collect();
+    let lines: Vec<_> = jobs(text).unwrap().iter().map(|j| format!("{} {}", j.name, j.flags.join(" "))).collect();
     assert_eq!(
         lines,
         [
@@ -67,25 +67,6 @@ fn lists_are_one_value_and_in_a_matrix_several() {
             "c-all --aov=all"
         ]
     );
-}
-
-#[test]
-fn frames_are_one_job_until_they_are_split() {
-    let text = "[defaults]\noutput = 'out/{name}.exr'\npreview = 'p/{name}-{frame:02}.png'\n[[matrix]]\nscene = 'a.glb'\n\
-                camera = ['x', 'y']\nframes = '1-9x4'\n[[job]]\nscene = 'a.glb'\nname = 'b-##'\nframes = [7, 12]\n\
-                seed-per-frame = false\n[[job]]\nscene = 'b.glb'\npreview = 'still.png'";
-    let jobs = jobs(text).unwrap();
-    assert_eq!(jobs.iter().map(|j| j.name.as_str()).collect::<Vec<_>>(), ["a-x.####", "a-y.####", "b-##", "b"]);
-    let frames: Vec<_> = jobs.into_iter().flat_map(|job| split(job).unwrap()).collect();
-    let shown: Vec<_> =
-        frames.iter().map(|j| format!("{} {} {}", j.name, j.output.display(), j.arguments().join(" "))).collect();
-    assert_eq!(shown.len(), 9);
-    assert_eq!(
-        shown[2],
-        "a-x.0009 shots/out/a-x.0009.exr --preview=shots/p/a-x.0009-09.png --camera=x --frame=9 --seed-per-frame=true"
-    );
-    assert_eq!(shown[7], "b-12 shots/out/b-12.exr --preview=shots/p/b-12-12.png --seed-per-frame=false --frame=12");
-    assert_eq!(shown[8], "b shots/out/b.exr --preview=shots/still.png");
 }
 
 #[test]
@@ -129,16 +110,10 @@ fn mistakes_are_reported_with_their_location() {
         ("[[matrix]]\nscene = 'none such/*.glb'", (2, 9), "no file is called"),
         ("[[matrix]]\nscene = '[a.glb'", (2, 9), "wildcards"),
         ("[[job]]\nscene = 'none such/*.glb'", (2, 9), "no file is called"),
-        ("[[job]]\nscene = 'a'\n[[job]]\nscene = 'b/a.glb'", (3, 1), "two jobs are called 'a'"),
-        ("[[matrix]]\nscene = 'a'\nseed = [1, 2]\noutput = 'o.exr'", (1, 1), "both write"),
         ("[[job]]\nscene = 'a'\noutput = '{nam}.exr'", (3, 1), "{nam} is not a key of this job"),
         ("[[job]]\nscene = 'a'\nname = 'x/y'", (1, 1), "cannot be"),
         ("[[job]]\nscene = 'a'\ncamera = \"x\\ny\"", (3, 10), "control character"),
         ("[[job]]\nscene = \"x\\ny\"", (2, 9), "control character"),
-        ("[[job]]\nscene = 'a'\nframes = '5-1'", (3, 1), "ends before"),
-        ("[[job]]\nscene = 'a'\nframes = '1-1e9'", (3, 1), "is not a frame"),
-        ("[[job]]\nscene = 'a'\nframes = '1-9'\noutput = 'o.exr'", (4, 1), "####"),
-        ("[[matrix]]\nscene = 'a'\nframes = '1-99999'\nseed = [1, 2]", (1, 1), "with its frames"),
         ("[[job]]\nscene = 'a'\nseed-per-frame = 1", (3, 18), "true or false"),
         ("", (1, 1), "no jobs"),
     ] {

@@ -11,8 +11,8 @@ use serde_json::json;
 use tracing::info;
 
 use super::overview::{self, Overview};
-use super::plan::Planned;
 use super::worker_pool::WorkerPool;
+use crate::batch::job::Job;
 use crate::batch::message::{Ended, Message};
 use crate::batch::queue::Cache;
 use crate::batch::report::{self, Report};
@@ -21,7 +21,7 @@ use crate::console::progress::Style;
 use crate::console::{Paths, Signals, Verbosity, Verdict, host, print, say};
 use crate::farm::slurm::quoted;
 use crate::film::atomic;
-use crate::job::{Inputs, Session, write_json};
+use crate::job::{Inputs, RenderRequest, Session, write_json};
 use crate::render::record::checkpoint::Earlier;
 use crate::{Error, Result};
 
@@ -52,18 +52,18 @@ impl Work {
     ///
     /// # Errors
     /// Those of starting processes and of writing report and events; failed jobs are in the verdict.
-    pub fn run(&self, mut jobs: Vec<Planned>, mut paths: Paths, verbosity: Verbosity) -> Result<Verdict> {
+    pub fn run(&self, mut jobs: Vec<Job>, mut paths: Paths, verbosity: Verbosity) -> Result<Verdict> {
         let (began, stdout) = (Instant::now(), Path::new("-"));
         self.report.iter().try_for_each(|report| paths.writes("--report", report))?;
         let events_file = self.events.as_ref().filter(|path| *path != stdout);
         events_file.iter().try_for_each(|events| paths.writes("--events", events))?;
         // Jobs that share a scene or its files follow one another, so that few scenes are in memory at the same time.
         let mut first: HashMap<String, usize> = HashMap::new();
-        for (i, planned) in jobs.iter().enumerate() {
-            first.entry(planned.request.files_key()).or_insert(i);
-            first.entry(planned.request.scene_key()).or_insert(i);
+        for (i, job) in jobs.iter().enumerate() {
+            first.entry(job.request.files_key()).or_insert(i);
+            first.entry(job.request.scene_key()).or_insert(i);
         }
-        jobs.sort_by_key(|planned| [planned.request.files_key(), planned.request.scene_key()].map(|key| first[&key]));
+        jobs.sort_by_key(|job| [job.request.files_key(), job.request.scene_key()].map(|key| first[&key]));
         if self.dry_run {
             return dry_run(&jobs, &self.order);
         }
@@ -81,9 +81,9 @@ impl Work {
         events.write(json!({"event": "batch-begins", "jobs": jobs.len(), "file": self.file}));
         let on_message = |message: Message| match message {
             Message::Begins(index) => {
-                let job = &jobs[index].job;
+                let job = &jobs[index];
                 overview.begins(index, &job.name);
-                let output = job.output.display().to_string();
+                let output = job.request.output.display().to_string();
                 events.write(json!({"event": "job-begins", "job": job.name, "output": output}));
             }
             Message::Progress(index, progress) => overview.progress(index, &progress),
@@ -115,7 +115,7 @@ impl Work {
         let worked = if self.isolate { worker_pool.run_isolated() } else { worker_pool.run_shared() };
         overview.finish();
         worked?;
-        views::write(jobs.iter().filter(|planned| planned.job.is_view).map(|planned| planned.job.output.as_path()))?;
+        views::write(jobs.iter().filter(|job| job.is_view).map(|job| job.request.output.as_path()))?;
 
         let mut entries = entries.into_inner().unwrap_or_else(PoisonError::into_inner);
         let position: HashMap<&str, usize> =
@@ -151,11 +151,11 @@ impl Work {
 }
 
 /// Prints the commands and what they would do, in the order of the file.
-fn dry_run(jobs: &[Planned], order: &[String]) -> Result<Verdict> {
+fn dry_run(jobs: &[Job], order: &[String]) -> Result<Verdict> {
     let cache = Cache::new(jobs.iter().map(|j| j.request.files_key()));
     let mut rows: HashMap<&str, String> = HashMap::new();
     let mut worst = 0;
-    for Planned { job, request } in jobs {
+    for Job { name, request, .. } in jobs {
         let key = request.files_key();
         let would = || -> Result<&str> {
             let inputs = cache.get(&key, || Inputs::read(request))?;
@@ -171,9 +171,9 @@ fn dry_run(jobs: &[Planned], order: &[String]) -> Result<Verdict> {
         });
         cache.done(&key);
         let mut words: Vec<String> = ["bismar", "render"].map(str::to_owned).into();
-        words.extend([job.scene.display().to_string(), "-o".into(), job.output.display().to_string()]);
-        words.extend(job.arguments());
-        rows.insert(&job.name, format!("{}: {what}\n  {}", job.name, quoted(&words)));
+        words.extend([request.scene.display().to_string(), "-o".into(), request.output.display().to_string()]);
+        words.extend(RenderRequest { resume: false, ..request.clone() }.arguments()?);
+        rows.insert(name, format!("{name}: {what}\n  {}", quoted(&words)));
     }
     let lines: Vec<_> = order.iter().filter_map(|name| rows.remove(name.as_str())).collect();
     print(lines.join("\n"))?;

@@ -10,11 +10,10 @@ use std::time::{Duration, Instant};
 
 use serde_json::value::to_raw_value;
 
-use super::plan::{Planned, parse_flags};
+use crate::batch::job::Job;
 use crate::batch::message::{Ended, JobMessage, Message};
 use crate::batch::queue::{Cache, each};
 use crate::batch::report::{Entry, Status};
-use crate::cli::render::command;
 use crate::console::{Paths, Signals, Verdict, host, panics};
 use crate::film::atomic;
 use crate::job::{Done, Inputs, Loaded, RenderRequest, Session, memory};
@@ -28,11 +27,9 @@ pub fn run() -> Result<Verdict> {
         serde_json::from_str(&line).map_err(|e| Error::Usage(format!("not a job message of `bismar batch`: {e}")))?;
     atomic::confine(&folders);
     let signals = Signals::from_parent()?;
-    let command = command();
-    let jobs = jobs.into_iter().map(|job| parse_flags(None, &command, job)).collect::<Result<Vec<_>>>()?;
     let mut paths = Paths::default();
     written.iter().try_for_each(|path| paths.writes("the batch's own", path.as_ref()))?;
-    jobs.iter().try_for_each(|Planned { job, request }| request.declare(&format!(" of '{}'", job.name), &mut paths))?;
+    jobs.iter().try_for_each(|job| job.request.declare(&format!(" of '{}'", job.name), &mut paths))?;
     let pools = (0..at_once.clamp(1, jobs.len().max(1))).map(|_| host::pool(threads)).collect::<Result<Vec<_>>>()?;
     let worker = Worker {
         inputs: Cache::new(jobs.iter().map(|j| j.request.files_key())),
@@ -72,7 +69,7 @@ pub fn run() -> Result<Verdict> {
 const PROGRESS_INTERVAL: Duration = Duration::from_millis(100);
 
 struct Worker {
-    jobs: Vec<Planned>,
+    jobs: Vec<Job>,
     inputs: Cache<Inputs>,
     scenes: Cache<Loaded>,
     /// By files, the latest scene made of them, if others will follow.
@@ -89,7 +86,8 @@ struct Worker {
 impl Worker {
     /// Renders one job; errors and panics are in its entry.
     fn work(&self, index: usize, messages: &Sender<Message>) -> Ended {
-        let Planned { job, request } = &self.jobs[index];
+        let job = &self.jobs[index];
+        let request = &job.request;
         let began = Instant::now();
         let mut entry = Entry::pending(job);
         if self.signals.stopped() {

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use std::process::{ExitStatus, Stdio};
 use std::sync::{Mutex, PoisonError};
 
-use super::plan::Planned;
+use crate::batch::job::Job;
 use crate::batch::message::{Ended, JobMessage, Message};
 use crate::batch::queue::each;
 use crate::batch::report::{Entry, Status};
@@ -18,7 +18,7 @@ use crate::{Error, Result};
 
 /// Worker processes of a batch.
 pub struct WorkerPool<'a> {
-    pub jobs: &'a [Planned],
+    pub jobs: &'a [Job],
     /// Files that the batch itself writes.
     pub written: &'a [OsString],
     /// Folders below which outputs may lie.
@@ -102,7 +102,7 @@ impl WorkerPool<'_> {
             None => Error::Bug(format!("its process ended early, with {}", exited.status)),
         };
         let (status, error, exit_code) = (Status::Failed, Some(error.to_string()), error.exit_code());
-        let job_of_entry = &self.jobs[job].job;
+        let job_of_entry = &self.jobs[job];
         let line = error.as_ref().map(|error| format!("{}: {error}", job_of_entry.name));
         let entry = Entry { status, error, exit_code, ..Entry::pending(job_of_entry) };
         (self.on_message)(Message::Ends(job, Box::new(Ended { entry, line, before: None })));
@@ -111,13 +111,13 @@ impl WorkerPool<'_> {
 
     /// Reports a job that was not begun.
     fn pending(&self, job: usize) {
-        let entry = Entry::pending(&self.jobs[job].job);
+        let entry = Entry::pending(&self.jobs[job]);
         (self.on_message)(Message::Ends(job, Box::new(Ended { entry, line: None, before: None })));
     }
 
     /// Runs one worker process over a range of the jobs.
     fn process(&self, range: Range<usize>, at_once: usize, threads: usize) -> Result<Exited> {
-        let jobs = self.jobs[range.clone()].iter().map(|planned| planned.job.clone()).collect();
+        let jobs = self.jobs[range.clone()].to_vec();
         let message = serde_json::to_string(&JobMessage {
             jobs,
             written: self.written.into(),

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use crate::Result;
-use crate::cli::flag_values::has_ending;
+use crate::cli::options::has_ending;
 use crate::film::compare::REL_MSE_EPSILON;
 use crate::film::{Picture, exr_file, preview};
 

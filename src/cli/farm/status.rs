@@ -9,7 +9,9 @@ use clap::Args;
 use serde_json::{Value, json};
 
 use super::site::{Queue, QueueState};
+use crate::batch::frames::Sequence;
 use crate::batch::numbering::{numbered, numbered_name};
+use crate::batch::split::split;
 use crate::cli::render;
 use crate::console::{Verdict, print, print_json};
 use crate::farm::sessions::{HELD, INTERRUPTED, Sessions, record_path};
@@ -60,7 +62,7 @@ pub fn run(args: &StatusArgs) -> Result<Verdict> {
         let mut whole = parse_command(&plan.tasks[merge.tasks.0].command)?;
         // The merged picture is whole, and need not be resumable as its parts are.
         for (frame, whole) in whole.iter_mut() {
-            (whole.settings.part, whole.checkpoint) = (None, None);
+            (whole.part, whole.checkpoint) = (None, None);
             let output = frame.and_then(|frame| numbered(&merge.output, frame));
             whole.output = output.unwrap_or_else(|| merge.output.clone());
         }
@@ -137,9 +139,15 @@ type Requests = [(Option<u32>, RenderRequest)];
 
 /// What a task's command asks for, picture by picture, with the numbers of frames.
 fn parse_command(command: &[String]) -> Result<Box<Requests>> {
+    let bad = |why: &str| Error::Data(format!("{PLAN}: {}", why.trim_end()));
     let args = render::read(&render::command(), command[1..].iter().map(OsString::from));
-    let bad = |e: clap::Error| Error::Data(format!("{PLAN}: {}", e.to_string().trim_end()));
-    args.map_err(bad)?.requests().map(Vec::into_boxed_slice)
+    let job = args.map_err(|e| bad(&e.to_string()))?.job(String::new())?;
+    let frame = |request: &RenderRequest| {
+        let frames = matches!(job.sequence, Some(Sequence::Frames(_)));
+        request.selection.frame.filter(|_| frames).map(|frame| frame as u32)
+    };
+    let jobs = split(&job).map_err(|(_, why)| bad(&why))?;
+    Ok(jobs.into_iter().map(|job| (frame(&job.request), job.request)).collect())
 }
 
 struct Inspector<'a> {
@@ -237,7 +245,7 @@ impl Inspector<'_> {
             Ok(Some(earlier)) => earlier.record,
             Err(e) => return (Contents::Other(e.to_string()), None),
         };
-        let settings = &request.settings;
+        let settings = &request.settings();
         let some = Contents::Some(settings.spp.map_or(0.0, |goal| f64::from(record.paths) / f64::from(goal)));
         let inputs = self.inputs.entry(request.files_key()).or_insert_with(|| {
             let inputs = Inputs::read(request)?;

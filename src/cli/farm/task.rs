@@ -68,7 +68,7 @@ pub fn run(args: &TaskArgs) -> Result<Verdict> {
     process.args(&command[1..]).env(atomic::OF_A_PLAN, "1");
     process.stdout(log.try_clone().map_err(cannot)?).stderr(log.try_clone().map_err(cannot)?);
     if !args.merge {
-        process.arg("--led");
+        process.arg("--signals-from-parent");
     }
     let job = [variable("SLURM_ARRAY_JOB_ID"), variable("SLURM_JOB_ID")].into_iter().flatten().next();
     let sessions = Sessions::read(&record).begin(&job.unwrap_or_default(), &host(), paths(&outputs), log_start);

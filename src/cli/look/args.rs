@@ -7,9 +7,9 @@ use clap::Args;
 use super::contents::Bounds;
 use super::direction::Direction;
 use crate::batch::frames::Frames;
-use crate::cli::scene_selection::SelectionArgs;
 use crate::console::Size;
 use crate::console::args::{not_negative, threads};
+use crate::job::SceneSelection;
 use crate::rays::Backend;
 use crate::{Error, Result};
 
@@ -24,7 +24,7 @@ pub struct LookArgs {
     #[arg(required = true, num_args = 1.., value_name = "SCENE")]
     pub scenes: Vec<PathBuf>,
     #[command(flatten)]
-    pub selection: SelectionArgs,
+    pub selection: SceneSelection,
     /// Frames of the animation, a row for each: 0-48x12 or 0,12,24. All have the framing of the whole animation.
     #[arg(long, value_name = "FRAMES", conflicts_with_all = ["pose", "frame"], help_heading = "View")]
     pub frames: Option<Frames>,
@@ -62,7 +62,7 @@ const MAX_PIXELS: u64 = 1 << 27;
 impl LookArgs {
     /// Checks what clap cannot.
     pub fn check(&self) -> Result<()> {
-        let selection = self.selection.selection();
+        let selection = &self.selection;
         selection.check(self.frames.is_some() || selection.is_posed(), false, Backend::Embree)?;
         let count = self.scenes.len();
         if count != 2 && (self.max_flip.is_some() || self.page.is_some()) {

@@ -13,7 +13,7 @@ use super::looked::{Looked, SCHEMA};
 use super::pair::Pair;
 use super::sheet::Sheet;
 use super::shots::Subject;
-use crate::cli::flag_values::has_ending;
+use crate::cli::options::has_ending;
 use crate::console::{Paths, Verdict};
 use crate::scene::import::SceneFiles;
 use crate::{Error, Result};

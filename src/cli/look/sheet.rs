@@ -5,7 +5,7 @@ use std::path::Path;
 use noto_sans_mono_bitmap::{FontWeight, RasterHeight, get_raster, get_raster_width};
 
 use crate::Result;
-use crate::cli::flag_values::check_ending;
+use crate::cli::options::check_ending;
 use crate::film::lock::claim;
 use crate::film::view::srgb_decode;
 use crate::film::{Picture, preview};

@@ -14,8 +14,8 @@ use super::direction::Direction;
 use crate::batch::frames::Frames;
 use crate::console::Paths;
 use crate::film::{Exposure, Pixels, View, preview::to_byte};
-use crate::job::{Inputs, Loaded, RenderRequest, Session};
-use crate::render::{Choice, Choices, RenderSettings, RunOptions, StopReason, run};
+use crate::job::{Inputs, Loaded, RenderRequest, Session, TechniqueOptions};
+use crate::render::{Choice, PerTechnique, RenderSettings, RunOptions, StopReason, run};
 use crate::scene::Orbit;
 use crate::{Error, Result};
 
@@ -35,21 +35,18 @@ pub struct Subject {
 impl Subject {
     /// Opens and imports a scene, and declares its files.
     pub fn open(look: &LookArgs, scene: &Path, paths: &mut Paths) -> Result<Self> {
-        let mut selection = look.selection.selection();
+        let mut selection = look.selection.clone();
         look.frames.iter().for_each(|frames| selection.frame = Some(frames.numbers()[0].into()));
         // With so few paths, the pre-passes take longer than what they save.
-        let settings = RenderSettings {
-            spp: Some(look.spp),
-            transparent: true,
-            techniques: Choices::new(|_| Choice::Off),
-            ..Default::default()
-        };
+        let choices = PerTechnique::new(|_| Some(Choice::Off));
         let request = RenderRequest {
             scene: scene.into(),
             selection,
-            settings,
+            spp: Some(look.spp),
+            transparent: true,
+            techniques: TechniqueOptions { choices, ..TechniqueOptions::default() },
             size: Some(look.size),
-            aovs: Vec::new(),
+            aov: Vec::new(),
             memory_limit: look.memory_limit,
             ..Default::default()
         };
@@ -101,7 +98,7 @@ impl Subject {
         stop: &AtomicBool,
     ) -> Result<Shot> {
         let sphere = (centre - loaded.prepared.scene.origin, radius);
-        let settings = self.request.settings.clone();
+        let settings = self.request.settings();
         let (width, height) = self.request.size.map_or((settings.width, settings.height), |size| (size.0, size.1));
         let camera = view.orbit().around(sphere, f64::from(width) / f64::from(height));
         let scene = loaded.prepared.with_camera(camera);

@@ -48,7 +48,7 @@ impl LoadedScene {
                 _ => Err(Error::Usage("a heuristic of one's own needs spp, without time, noise and part".into())),
             }
         };
-        if request.settings.balance != Balance::Kl {
+        if request.balance != Balance::Kl {
             return Err(Error::Usage("a heuristic of one's own needs balance kl, whose passes it has".into()));
         }
         Ok(RenderedPicture { has_own_heuristic: true, ..self.render_with(request, &passes)? })

@@ -61,7 +61,7 @@ impl Found {
 
 impl Serialize for Found {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let found = self.iter().filter_map(|(technique, stats)| Some((technique.row().prepass, (*stats)?)));
+        let found = self.iter().filter_map(|(technique, stats)| Some((technique.name(), (*stats)?)));
         serializer.collect_map(found)
     }
 }
@@ -69,7 +69,7 @@ impl Serialize for Found {
 impl<'de> Deserialize<'de> for Found {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let found = BTreeMap::<String, Value>::deserialize(deserializer)?;
-        Ok(Self::new(|technique| TechniqueStats::deserialize(found.get(technique.row().prepass)?).ok()))
+        Ok(Self::new(|technique| TechniqueStats::deserialize(found.get(&technique.name())?).ok()))
     }
 }
 

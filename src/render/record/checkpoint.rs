@@ -31,7 +31,7 @@ pub struct Saved {
     pub tiles: Vec<Tile>,
     /// Counts and times of all sessions so far.
     pub stats: RenderStats,
-    /// The goals that it was begun and continued with, in order; empty if they are not known.
+    /// The goals that it was begun and continued with, in order.
     pub goals: Vec<Goal>,
 }
 
@@ -70,7 +70,7 @@ impl Saved {
 }
 
 /// Version of the record and of the packed tiles. Files of other versions are not read.
-pub const FORMAT: u32 = 8;
+pub const FORMAT: u32 = 9;
 /// Header attribute with the seeds of a mean, in place of a record.
 const SEEDS: &str = "bismar.seeds";
 
@@ -85,8 +85,7 @@ pub struct Record {
     pub aovs: String,
     /// Counts and times of all sessions.
     pub stats: RenderStats,
-    /// The goals that it was begun and continued with; empty in files of earlier builds.
-    #[serde(default)]
+    /// The goals that it was begun and continued with.
     pub goals: Vec<Goal>,
     /// Why it ended.
     pub stop: StopReason,
@@ -104,7 +103,6 @@ pub struct Record {
     /// Are its colours stored as 16-bit floats?
     pub half: bool,
     /// Primaries of its colours.
-    #[serde(default)]
     pub colorspace: ColorSpace,
     /// What the picture shows behind all surfaces.
     pub background: Background,

@@ -29,8 +29,7 @@ pub fn learned_alike(shorter: &RenderSettings, settings: &RenderSettings, by_goa
 }
 
 /// Have these goals led to the passes and to what was learned that a render of `settings` has from the beginning? What it learns
-/// depends on the goal (`by_goal`) or not. Passes of goals with a time limit are not known. True without goals: older files
-/// record none.
+/// depends on the goal (`by_goal`) or not. Passes of goals with a time limit are not known.
 pub fn are_as_one(goals: &[Goal], settings: &RenderSettings, by_goal: bool) -> bool {
     let allocated = settings.asks_for(Technique::Adaptive);
     let untils = goals.iter().skip(1).map(|next| Some(next.from)).chain([None]);
@@ -72,7 +71,6 @@ mod tests {
             (&[(128, 0), (256, 128)], true),
             (&[(128, 0), (200, 128), (256, 200)], false),
             (&[(512, 0), (256, 70)], true),
-            (&[], true),
         ] {
             assert_eq!(are_as_one(&went(goals), &of(256), false), as_one, "{goals:?}");
         }

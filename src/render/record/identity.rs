@@ -71,15 +71,9 @@ impl Identity {
         insert("camera", camera.clone().unwrap_or("the first".into()));
         insert("size", size.map_or("the camera's".into(), |[w, h]| format!("{w}x{h}")));
         insert("aovs", aovs.clone());
-        // Left out when false, so that keys stay what they were before these could be requested.
-        for (name, is_on) in [("half", half), ("denoised", denoised)] {
-            if *is_on {
-                insert(name, "true".into());
-            }
-        }
-        if *colorspace != ColorSpace::Rec709 {
-            insert("colorspace", colorspace.name().into());
-        }
+        insert("half", half.to_string());
+        insert("denoised", denoised.to_string());
+        insert("colorspace", colorspace.name().into());
         blake3::hash(serde_json::json!(values).to_string().as_bytes()).to_hex().to_string()
     }
 
@@ -101,7 +95,7 @@ fn differences(ours: &Values, theirs: &Values) -> String {
     let names: BTreeSet<_> = ours.keys().chain(theirs.keys()).collect();
     let differing = names.into_iter().filter(|name| ours.get(*name) != theirs.get(*name));
     let shown = |name: &String| {
-        // Some are there only where they are not what they were before there was a choice.
+        // Some are there only with some methods of balance.
         let [a, b] = [theirs, ours].map(|values| values.get(name).map_or("none", String::as_str));
         // Hashes are not for people.
         if a.len() < 60 && b.len() < 60 { format!("{name} ({a} there, {b} here)") } else { name.clone() }

@@ -10,7 +10,7 @@ use crate::scene::{Camera, Scene};
 /// Rays across and down a view of the aspect 1.
 const RAYS: u32 = 48;
 /// Hidden share of what is in view from which a user is told.
-pub const TOLD: f32 = 0.05;
+pub const MIN_HIDDEN_SHARE: f32 = 0.05;
 
 /// Does the scene reach beyond the far plane of the camera?
 pub fn may_hide(scene: &Scene, camera: &Camera) -> bool {

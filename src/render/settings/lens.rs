@@ -69,17 +69,27 @@ impl FromStr for Focus {
     }
 }
 
+impl fmt::Display for Aperture {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match self {
+            Self::Stop(stop) => write!(f, "f/{stop}"),
+            Self::Radius(radius) => write!(f, "{radius}"),
+        }
+    }
+}
+
+impl fmt::Display for Focus {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match self {
+            Self::Auto => write!(f, "auto"),
+            Self::Distance(distance) => write!(f, "{distance}"),
+        }
+    }
+}
+
 impl fmt::Display for LensSettings {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        match self.aperture {
-            Aperture::Stop(stop) => write!(f, "f/{stop}")?,
-            Aperture::Radius(radius) => write!(f, "radius {radius}")?,
-        }
-        match self.focus {
-            Focus::Auto => write!(f, ", focus auto")?,
-            Focus::Distance(distance) => write!(f, ", focus {distance}")?,
-        }
-        write!(f, ", {} blades", self.blades)
+        write!(f, "{}, focus {}, {} blades", self.aperture, self.focus, self.blades)
     }
 }
 

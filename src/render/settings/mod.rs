@@ -37,68 +37,46 @@ pub(in crate::render) fn variant_name(variant: &impl Serialize) -> String {
 /// Default maximum bytes of a guiding field and its training samples.
 pub const GUIDING_MEMORY: u64 = 256 << 20;
 
-/// The light transport.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Integrator {
-    /// Path tracing: emission, direct and indirect light.
-    Path,
-    /// Emission and direct light.
-    Direct,
-}
-
-bismar_scene::named_variants! { Integrator { Path = "path", Direct = "direct" } }
-
-/// What rays from the camera and their mirror images do at back faces of single-sided materials without transmission
-/// ([`back_faces`](crate::integrator::through::back_faces)).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum BackFaces {
-    /// They pass them, as the glTF specification asks.
-    #[default]
-    Cull,
-    /// They see them.
-    Show,
-}
-
-bismar_scene::named_variants! { BackFaces { Cull = "cull", Show = "show" } }
-
-impl BackFaces {
-    /// What renders did before there was a choice.
-    fn before() -> Self {
-        Self::Show
-    }
-
-    fn is_before(&self) -> bool {
-        *self == Self::before()
+bismar_scene::named_variants! {
+    /// The light transport.
+    pub enum Integrator {
+        /// Path tracing: emission, direct and indirect light.
+        Path = "path",
+        /// Emission and direct light.
+        Direct = "direct",
     }
 }
 
-/// What shadow rays do at bodies of smooth glass ([`glass_shadows`](crate::integrator::through::glass_shadows)).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum GlassShadows {
-    /// They end there. Light behind is found by paths that are refracted.
-    #[default]
-    Off,
-    /// They pass straight, attenuated: an approximation.
-    Straight,
+bismar_scene::named_variants! {
+    /// What rays from the camera and their mirror images do at back faces of single-sided materials without transmission
+    /// ([`back_faces`](crate::integrator::through::back_faces)).
+    pub enum BackFaces {
+        /// Rays from the camera and their mirror images pass them.
+        Cull = "cull",
+        /// They are drawn.
+        Show = "show",
+    }
 }
 
-bismar_scene::named_variants! { GlassShadows { Off = "off", Straight = "straight" } }
-
-/// What lies below the scene.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Ground {
-    /// Nothing.
-    #[default]
-    None,
-    /// A plane that shows shadows alone ([`ground`](crate::integrator::clients::ground)).
-    Shadow,
+bismar_scene::named_variants! {
+    /// What shadow rays do at bodies of smooth glass ([`glass_shadows`](crate::integrator::through::glass_shadows)).
+    pub enum GlassShadows {
+        /// Shadow rays end at them; light behind is found by refracted paths.
+        Off = "off",
+        /// Shadow rays pass them straight, dimmed by Fresnel and absorption: approximate.
+        Straight = "straight",
+    }
 }
 
-bismar_scene::named_variants! { Ground { None = "none", Shadow = "shadow" } }
+bismar_scene::named_variants! {
+    /// What lies below the scene.
+    pub enum Ground {
+        /// Nothing.
+        None = "none",
+        /// A plane that shows shadows alone.
+        Shadow = "shadow",
+    }
+}
 
 /// All that the picture's bits depend on besides the scene and the ray library, and when to stop.
 /// [`validate`](Self::validate) checks the ranges.
@@ -114,7 +92,7 @@ pub struct RenderSettings {
     pub crop: Option<[u32; 4]>,
     /// The light transport.
     pub integrator: Integrator,
-    /// Maximum segments of a path, ≥ 1: 1 is emission alone, 2 adds direct light. Mirror-like bounces at smooth glass are not
+    /// Maximum segments of a path, 1 to [`MAX_SEGMENTS`](crate::integrator::data::dimensions::MAX_SEGMENTS): 1 is emission alone, 2 adds direct light. Mirror-like bounces at smooth glass are not
     /// counted ([`RayHistory`](crate::integrator::data::history::RayHistory)).
     pub max_depth: u32,
     /// Stop at this number of paths per pixel, ≥ 1.
@@ -134,7 +112,6 @@ pub struct RenderSettings {
     #[serde(flatten)]
     pub techniques: Choices,
     /// Maximum bytes of guiding; `None`: [`GUIDING_MEMORY`].
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub guiding_memory: Option<u64>,
     /// Seed of every random choice.
     pub seed: u32,
@@ -152,32 +129,21 @@ pub struct RenderSettings {
     /// Hide the environment where the camera sees it directly. It still lights the scene.
     pub transparent: bool,
     /// The camera's lens; `None`: a pinhole.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub lens: Option<LensSettings>,
-    /// Back faces of single-sided materials. Absent in files where they are shown.
-    #[serde(default = "BackFaces::before", skip_serializing_if = "BackFaces::is_before")]
+    /// Back faces of single-sided materials.
     pub back_faces: BackFaces,
     /// What shadow rays do at bodies of smooth glass.
-    #[serde(default, skip_serializing_if = "is_default")]
     pub glass_shadows: GlassShadows,
     /// Sizes of groups where path re-use is on; `None`: the usual ones.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reuse_sizes: Option<Reuse>,
     /// Does the camera see only what lies between its clipping planes?
-    #[serde(default = "yes", skip_serializing_if = "Clone::clone")]
     pub clip: bool,
     /// What lies below the scene.
-    #[serde(default, skip_serializing_if = "is_default")]
     pub ground: Ground,
     /// Groups of lights, by name or kind, by which the AOV `lights` divides the beauty.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub light_groups: Option<LightGroups>,
     /// Render only this part of the tiles.
     pub part: Option<Part>,
-}
-
-fn yes() -> bool {
-    true
 }
 
 /// Options of a render that only studies use. They are not stored in files.
@@ -193,10 +159,6 @@ pub struct StudyOptions {
 pub const MAX_SIDE: u32 = 1 << 16;
 /// Expected paths per pixel of a render whose end is not known.
 const UNKNOWN_SPP: u32 = 128;
-
-fn is_default<T: Default + PartialEq>(value: &T) -> bool {
-    *value == T::default()
-}
 
 /// Which columns tiles have besides the statistics.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -216,7 +178,7 @@ pub struct Columns {
 impl RenderSettings {
     /// The defaults, but all pixels get the same number of paths, and none is guided.
     pub fn even() -> Self {
-        Self { techniques: Choices::unnamed(), ..Self::default() }
+        Self { techniques: Choices::even(), ..Self::default() }
     }
 
     /// The same with this choice.
@@ -225,8 +187,7 @@ impl RenderSettings {
         self
     }
 
-    /// Named values that the bits of a picture depend on. Settings with the value that existed before they could be set are left
-    /// out.
+    /// Named values that the bits of a picture depend on.
     pub fn bits(&self) -> Values {
         // Exhaustive: a new setting must say here whether bits depend on it.
         let RenderSettings {
@@ -264,6 +225,7 @@ impl RenderSettings {
         } = self;
         let mut values = Values::new();
         let mut insert = |name: &str, value: String| values.insert(name.into(), value);
+        let limit = |limit: &Option<f64>| limit.map_or("none".into(), |limit| limit.to_string());
         insert("camera", camera.to_string());
         insert("size", format!("{width}x{height}"));
         insert("crop", crop.map_or("none".into(), |c| c.map(|x| x.to_string()).join(",")));
@@ -273,27 +235,20 @@ impl RenderSettings {
         insert("filter", variant_name(filter));
         insert("seed", seed.to_string());
         insert("sums for AOVs", aovs.to_string());
-        let with_defaults = [
-            ("clamp-direct", clamp_direct.map(|limit| limit.to_string())),
-            ("clamp-indirect", clamp_indirect.map(|limit| limit.to_string())),
-            ("more sums for AOVs", extras.then(|| "true".into())),
-            ("transparent", transparent.then(|| "true".into())),
-            ("lens", lens.map(|lens| lens.to_string())),
-            ("clip", (!*clip).then(|| "false".into())),
-            ("back-faces", (*back_faces != BackFaces::Show).then(|| variant_name(back_faces))),
-            ("glass-shadows", (*glass_shadows != GlassShadows::Off).then(|| variant_name(glass_shadows))),
-            ("path-reuse sizes", reuse_sizes.map(|sizes| sizes.to_string())),
-            ("ground", (*ground != Ground::None).then(|| variant_name(ground))),
-            ("light-groups", light_groups.clone().map(String::from)),
-        ];
-        for (name, value) in with_defaults {
-            if let Some(value) = value {
-                insert(name, value);
-            }
-        }
-        // The rules, not what they led to: that follows from them. Left out where earlier builds had no choice.
-        for (technique, choice) in techniques.named() {
-            insert(technique.row().flag, choice.as_str().unwrap_or("true").into());
+        insert("more sums for AOVs", extras.to_string());
+        insert("clamp-direct", limit(clamp_direct));
+        insert("clamp-indirect", limit(clamp_indirect));
+        insert("transparent", transparent.to_string());
+        insert("lens", lens.map_or("pinhole".into(), |lens| lens.to_string()));
+        insert("clip", clip.to_string());
+        insert("back-faces", variant_name(back_faces));
+        insert("glass-shadows", variant_name(glass_shadows));
+        insert("path-reuse sizes", reuse_sizes.map_or("usual".into(), |sizes| sizes.to_string()));
+        insert("ground", variant_name(ground));
+        insert("light-groups", light_groups.clone().map_or("none".into(), String::from));
+        // The rules, not what they led to: that follows from them.
+        for (technique, choice) in techniques.iter() {
+            insert(technique.row().flag, choice.name().into());
         }
         if techniques[Technique::Guiding] != Choice::Off {
             insert("guiding-memory", guiding_memory.unwrap_or(GUIDING_MEMORY).to_string());
@@ -348,7 +303,7 @@ impl RenderSettings {
             _ if self.noise.is_some() && !row.suits_noise_goal => {
                 Some("a noise goal gives each tile what it needs".into())
             }
-            Choice::Auto if row.unnamed == Choice::Auto && !self.balance.method().uses_prepasses() => {
+            Choice::Auto if row.even == Choice::Auto && !self.balance.method().uses_prepasses() => {
                 Some(format!("--balance {} uses it where it is on", self.balance.name()))
             }
             Choice::Auto => few(auto),

@@ -8,20 +8,17 @@ use serde::de::Error;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use serde_json::Value;
 
-/// Whether a technique is used.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Choice {
-    /// Never.
-    #[default]
-    Off,
-    /// Always.
-    On,
-    /// Where a pre-pass estimates that it pays for its cost.
-    Auto,
+bismar_scene::named_variants! {
+    /// Whether a technique is used.
+    pub enum Choice {
+        /// Never.
+        Off = "off",
+        /// Always.
+        On = "on",
+        /// Where a pre-pass estimates that it pays for its cost.
+        Auto = "auto",
+    }
 }
-
-bismar_scene::named_variants! { Choice { Off = "off", On = "on", Auto = "auto" } }
 
 impl From<bool> for Choice {
     fn from(on: bool) -> Self {
@@ -38,18 +35,16 @@ pub const MIN_AUTO_PATHS: u32 = 16;
 pub struct Row {
     /// Its flag, without dashes, and its name in the log.
     pub flag: &'static str,
-    /// Name of what its pre-pass has found, in statistics.
-    pub prepass: &'static str,
     /// What it does, for help texts: a sentence that ends without a full stop.
     pub about: &'static str,
     /// Why its pre-pass does not run where nothing else rules it out.
     pub nothing: &'static str,
     /// What the estimate is a fraction of.
     pub fraction_of: &'static str,
-    /// The choice of settings that do not name it. Off: it is used where the command asks for it, and that is `auto` with balance
-    /// methods that use pre-passes. Auto: `auto` itself concerns those methods alone.
-    pub unnamed: Choice,
-    /// Was it a switch? Then its flag may stand alone, and on is `true` in files.
+    /// The choice of renders whose paths are not shared out, guided or re-used ([`RenderSettings::even`](super::RenderSettings::even)).
+    /// Off: the plain command has `auto` with balance methods that use pre-passes. Auto: `auto` itself concerns those methods alone.
+    pub even: Choice,
+    /// May its flag stand alone?
     pub is_switch: bool,
     /// Minimum expected paths per pixel with `auto` and with `on`.
     pub min_paths: [u32; 2],
@@ -79,12 +74,11 @@ techniques! {
     /// The compensated density of the environment.
     Compensation {
         flag: "compensation",
-        prepass: "compensation",
         about: "Compensated environment density: draw light samples of the environment by its radiance above the mean \
                 (docs/balance.md)",
         nothing: "no environment with bright and dark parts",
         fraction_of: "variance",
-        unnamed: Choice::Auto,
+        even: Choice::Auto,
         is_switch: false,
         min_paths: [0; 2],
         suits_noise_goal: true,
@@ -93,11 +87,10 @@ techniques! {
     /// Learned selection of area lights.
     LearnedLights {
         flag: "learned-lights",
-        prepass: "lamps",
         about: "Learned light selection: choose among emissive triangles by what a pre-pass has learned (docs/balance.md)",
         nothing: "no emissive triangles to choose among",
         fraction_of: "variance",
-        unnamed: Choice::Auto,
+        even: Choice::Auto,
         is_switch: false,
         min_paths: [0; 2],
         suits_noise_goal: true,
@@ -106,12 +99,11 @@ techniques! {
     /// Path guiding.
     Guiding {
         flag: "guiding",
-        prepass: "guiding",
         about: "Path guiding: sample directions from the light field that a pre-pass has learned (docs/guiding.md). It helps \
                 where light reaches the visible surfaces through few paths",
         nothing: "no indirect light",
         fraction_of: "variance",
-        unnamed: Choice::Off,
+        even: Choice::Off,
         is_switch: false,
         min_paths: [MIN_AUTO_PATHS, 0],
         suits_noise_goal: true,
@@ -120,14 +112,13 @@ techniques! {
     /// Path re-use.
     PathReuse {
         flag: "path-reuse",
-        prepass: "path_reuse",
         about: "Path re-use: pixels of a tile share what their paths find at second surfaces (docs/path-reuse.md). It helps \
                 where most light arrives by other surfaces; the errors of neighbouring pixels are then related. \
                 Before a denoiser it gains little, and is off unless it is given. N: groups of N \
                 paths; N:M: M of these go on from there, for all",
         nothing: "no indirect light, or motion, blended alpha, a clamp or groups of lights",
         fraction_of: "error times cost",
-        unnamed: Choice::Off,
+        even: Choice::Off,
         is_switch: false,
         min_paths: [MIN_AUTO_PATHS, 0],
         suits_noise_goal: true,
@@ -136,12 +127,11 @@ techniques! {
     /// Numbers of paths by tile.
     Adaptive {
         flag: "adaptive",
-        prepass: "adaptive",
         about: "Adaptive sampling: a pre-pass estimates the noise of each tile of 16 x 16 pixels, and noisy tiles get more \
                 paths; the number of paths is their mean (docs/adaptive.md). Without effect with a goal of noise",
         nothing: "the time limit is too short for a pre-pass",
         fraction_of: "error times cost",
-        unnamed: Choice::Off,
+        even: Choice::Off,
         is_switch: true,
         min_paths: [MIN_AUTO_PATHS; 2],
         suits_noise_goal: false,
@@ -155,24 +145,14 @@ impl Technique {
         &ROWS[self as usize]
     }
 
-    /// The technique with this flag.
-    pub fn of_flag(flag: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|technique| technique.row().flag == flag)
-    }
-
-    /// Its name in settings and in decisions.
+    /// Its name in settings, statistics and decisions.
     pub fn name(self) -> String {
         self.row().flag.replace('-', "_")
     }
 
     /// What the plain command chooses, with a balance method that uses pre-passes or not.
     pub fn usual(self, uses_prepasses: bool) -> Choice {
-        if uses_prepasses { Choice::Auto } else { self.row().unnamed }
-    }
-
-    /// A choice as files have it.
-    pub fn stored(self, choice: Choice) -> Value {
-        if self.row().is_switch && choice == Choice::On { Value::Bool(true) } else { choice.name().into() }
+        if uses_prepasses { Choice::Auto } else { self.row().even }
     }
 }
 
@@ -210,34 +190,25 @@ impl<T> IndexMut<Technique> for PerTechnique<T> {
 pub type Choices = PerTechnique<Choice>;
 
 impl Choices {
-    /// Those that settings need not name.
-    pub fn unnamed() -> Self {
-        Self::new(|technique| technique.row().unnamed)
-    }
-
-    /// Those that files name, as they have them.
-    pub fn named(&self) -> impl Iterator<Item = (Technique, Value)> {
-        let named = self.iter().filter(|(technique, choice)| **choice != technique.row().unnamed);
-        named.map(|(technique, choice)| (technique, technique.stored(*choice)))
+    /// Those of [`RenderSettings::even`](super::RenderSettings::even).
+    pub fn even() -> Self {
+        Self::new(|technique| technique.row().even)
     }
 }
 
 impl Serialize for Choices {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_map(self.named().map(|(technique, choice)| (technique.name(), choice)))
+        serializer.collect_map(self.iter().map(|(technique, choice)| (technique.name(), choice)))
     }
 }
 
 impl<'de> Deserialize<'de> for Choices {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let named = BTreeMap::<String, Value>::deserialize(deserializer)?;
-        let mut choices = Self::unnamed();
+        let mut choices = Self::default();
         for technique in Technique::ALL {
-            match named.get(&technique.name()) {
-                None => (),
-                Some(Value::Bool(on)) => choices[technique] = (*on).into(),
-                Some(name) => choices[technique] = Choice::deserialize(name).map_err(D::Error::custom)?,
-            }
+            let choice = named.get(&technique.name()).ok_or_else(|| D::Error::missing_field(technique.row().flag))?;
+            choices[technique] = Choice::deserialize(choice).map_err(D::Error::custom)?;
         }
         Ok(choices)
     }
@@ -251,21 +222,14 @@ mod tests {
     use crate::render::RenderSettings;
 
     #[test]
-    fn settings_of_earlier_files_keep_their_meaning() {
-        let plain = RenderSettings::even();
-        let text = to_string(&plain).unwrap();
-        for absent in Technique::ALL.map(Technique::name) {
-            assert!(!text.contains(&absent), "{text}");
-        }
-        let read: RenderSettings = from_str(&text).unwrap();
-        assert_eq!(read.techniques, plain.techniques);
-        assert_eq!(read.techniques[Technique::LearnedLights], Choice::Auto);
-        let on = to_string(&plain.clone().with(Technique::Adaptive, Choice::On)).unwrap();
-        assert!(on.contains(r#""adaptive":true"#), "{on}");
+    fn settings_name_all_choices() {
         for choice in Choice::ALL {
-            let settings = RenderSettings { techniques: Choices::new(|_| choice), ..plain.clone() };
-            let read: RenderSettings = from_str(&to_string(&settings).unwrap()).unwrap();
+            let settings = RenderSettings { techniques: Choices::new(|_| choice), ..RenderSettings::default() };
+            let text = to_string(&settings).unwrap();
+            let read: RenderSettings = from_str(&text).unwrap();
             assert_eq!(read.techniques, settings.techniques);
+            assert!(text.contains(&format!("\"learned_lights\":\"{}\"", choice.name())), "{text}");
         }
+        assert!(from_str::<RenderSettings>("{}").is_err());
     }
 }

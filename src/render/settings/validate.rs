@@ -3,6 +3,7 @@
 use super::MAX_SIDE;
 use super::lens::{Aperture, Focus, LensSettings, is_optical};
 use super::{RenderSettings, StudyOptions};
+use crate::integrator::data::dimensions::MAX_SEGMENTS;
 use crate::render::settings::part::TILE;
 use crate::scene::Scene;
 use crate::{Error, Result};
@@ -33,7 +34,10 @@ impl RenderSettings {
                 format!("the crop window {x0},{y0},{x1},{y1} is not inside the picture of {width}x{height} pixels")
             })?;
         }
-        for (name, value, min) in [("max_depth", Some(max_depth), 1), ("spp", spp, 1), ("min_spp", min_spp, 2)] {
+        check((1..=MAX_SEGMENTS).contains(&max_depth), || {
+            format!("max_depth is {max_depth}: it must be 1 to {MAX_SEGMENTS}")
+        })?;
+        for (name, value, min) in [("spp", spp, 1), ("min_spp", min_spp, 2)] {
             let holds = value.is_none_or(|n| n >= min);
             check(holds, || format!("{name} is {}: it must be at least {min}", value.unwrap_or_default()))?;
         }

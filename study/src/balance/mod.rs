@@ -22,7 +22,6 @@ use std::path::PathBuf;
 use bismar::Result;
 use bismar::balance::Balance;
 use bismar::render::{Choice, Choices, Integrator, Technique};
-use serde_json::Value;
 
 pub use measure::{Measured, measure};
 pub use mosaic::Mosaic;
@@ -93,7 +92,7 @@ pub enum Estimator {
 
 /// The choices that `text` makes, as in `+guiding-compensation`; `None` if there is no such technique.
 fn choices(mut text: &str) -> Option<Choices> {
-    let mut choices = Choices::unnamed();
+    let mut choices = Choices::even();
     while let Some(sign) = text.chars().next() {
         let flag = text.strip_prefix(['+', '-'])?;
         let technique = Technique::ALL.into_iter().find(|technique| flag.starts_with(technique.row().flag))?;
@@ -116,9 +115,9 @@ impl Estimator {
         match self {
             Estimator::Method(balance) => balance.name().to_owned(),
             Estimator::With(balance, choices) => {
-                let sign = |choice: &Value| if *choice == "off" { '-' } else { '+' };
-                let words =
-                    choices.named().map(|(technique, choice)| format!("{}{}", sign(&choice), technique.row().flag));
+                let sign = |choice: Choice| if choice == Choice::Off { '-' } else { '+' };
+                let named = choices.iter().filter(|(technique, choice)| **choice != technique.row().even);
+                let words = named.map(|(technique, choice)| format!("{}{}", sign(*choice), technique.row().flag));
                 words.fold(balance.name().to_owned(), |name, word| name + &word)
             }
         }
@@ -132,7 +131,7 @@ impl Estimator {
 
     pub fn parts(self) -> (Balance, Choices) {
         match self {
-            Self::Method(balance) => (balance, Choices::unnamed()),
+            Self::Method(balance) => (balance, Choices::even()),
             Self::With(balance, choices) => (balance, choices),
         }
     }

@@ -4,8 +4,8 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use bismar::Result;
-use bismar::cli::flag_values::value_of;
 use bismar::console::{Signals, Size, Verbosity, Verdict, print, say};
+use bismar::job::value_of;
 use bismar::render::{Integrator, Progress};
 use clap::Args;
 

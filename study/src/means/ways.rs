@@ -49,8 +49,7 @@ impl Way {
     /// `--balance half` with more paths, which the others are compared with.
     pub fn reference(settings: &RenderSettings) -> Self {
         let spp = settings.spp.map(|spp| REFERENCE * spp);
-        let settings =
-            RenderSettings { balance: Balance::Half, techniques: Choices::unnamed(), spp, ..settings.clone() };
+        let settings = RenderSettings { balance: Balance::Half, techniques: Choices::even(), spp, ..settings.clone() };
         Self { name: "half".into(), settings, means: Means::Whole }
     }
 

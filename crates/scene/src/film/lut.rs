@@ -2,6 +2,7 @@
 //! each channel, a table of three dimensions, or the first (a shaper) before the second. Adobe's "Cube LUT Specification" 1.0,
 //! and Resolve's input ranges.
 
+use std::fmt::{self, Display};
 use std::path::Path;
 use std::str::FromStr;
 
@@ -55,6 +56,17 @@ pub struct Lut {
 /// Is this the name of a LUT's file?
 pub fn is_lut(name: impl AsRef<Path>) -> bool {
     name.as_ref().extension().is_some_and(|ending| ending.eq_ignore_ascii_case("cube"))
+}
+
+impl Display for LutInput {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match (self.curve, self.primaries) {
+            (Curve::Linear, primaries) => write!(f, "{}", primaries.name()),
+            (Curve::Acescct, _) => write!(f, "acescct"),
+            (Curve::Log2 { min, max }, ColorSpace::Rec709) => write!(f, "log2:{min},{max}"),
+            (Curve::Log2 { min, max }, primaries) => write!(f, "{}-log2:{min},{max}", primaries.name()),
+        }
+    }
 }
 
 impl FromStr for LutInput {

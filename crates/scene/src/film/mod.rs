@@ -31,11 +31,10 @@ pub use preview::Look;
 pub use stats::{AovSums, ExtraSums, GroundSums, Peak, PixelStats};
 pub use view::{View, ViewTransform};
 
-/// The denoiser of a finished picture.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Denoise {
-    /// Intel's Open Image Denoise, if it is installed.
-    Oidn,
+named_variants! {
+    /// The denoiser of a finished picture.
+    pub enum Denoise {
+        /// Intel Open Image Denoise, if it is installed.
+        Oidn = "oidn",
+    }
 }
-
-named_variants! { Denoise { Oidn = "oidn" } }

@@ -3,25 +3,21 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use serde::{Deserialize, Serialize};
-
 use super::lut::Lut;
 
-/// A view transform from linear RGB (Rec. 709 primaries) to display-encoded colour.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum View {
-    /// AgX, base look: soft highlights that lose colour as film does.
-    Agx,
-    /// Khronos PBR Neutral: base colours stay what they are, only highlights are compressed.
-    Neutral,
-    /// ACES as Hill fitted it, of the radiance over 0.6, with a power of 1/2.2: the look of Khronos' render fidelity suite.
-    Aces,
-    /// The sRGB curve alone; everything above 1 clips.
-    Srgb,
+named_variants! {
+    /// A view transform from linear RGB (Rec. 709 primaries) to display-encoded colour.
+    pub enum View {
+        /// AgX, base look: a soft shoulder; bright colours desaturate as on film.
+        Agx = "agx",
+        /// Khronos PBR Neutral: keeps base colours and compresses highlights.
+        Neutral = "neutral",
+        /// ACES as fitted by Hill, as Khronos' render fidelity suite shows it.
+        Aces = "aces",
+        /// The sRGB transfer function alone; values above 1 clip.
+        Srgb = "srgb",
+    }
 }
-
-named_variants! { View { Agx = "agx", Neutral = "neutral", Aces = "aces", Srgb = "srgb" } }
 
 /// A view transform of a name, or of a file.
 #[derive(Debug, Clone)]

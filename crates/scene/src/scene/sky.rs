@@ -1,6 +1,7 @@
 //! A clear sky with its sun, at infinity.
 
 use std::f32::consts::{FRAC_PI_2, PI};
+use std::fmt::{self, Display};
 use std::str::FromStr;
 
 use glam::Vec3;
@@ -13,9 +14,9 @@ use super::lights::{PunctualKind, PunctualLight};
 /// `GROUND_ALBEDO`, and black below the horizon. Radiance has the unit of Mitsuba's `sunsky`: luminance over 683 · 106.857 cd/m².
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ClearSky {
-    /// Height of the sun above the horizon in radians, from 0 to π/2.
+    /// Height of the sun above the horizon in degrees, from 0 to 90.
     elevation: f32,
-    /// Direction of the sun about +y in radians: 0 in +z, π/2 in +x, as azimuths of [`Orbit`](super::Orbit).
+    /// Direction of the sun about +y in degrees: 0 in +z, 90 in +x, as azimuths of [`Orbit`](super::Orbit).
     azimuth: f32,
     /// Haze: 1 pure air, 3 a clear day, 10 the haziest.
     turbidity: f32,
@@ -46,21 +47,32 @@ impl FromStr for ClearSky {
         if !(0.0..=90.0).contains(&elevation) || !azimuth.is_finite() || !(1.0..=10.0).contains(&turbidity) {
             return Err("elevation is from 0 to 90, turbidity from 1 to 10".into());
         }
-        let elevation = elevation.to_radians().min(FRAC_PI_2);
-        Ok(Self { elevation, azimuth: (azimuth % 360.0).to_radians(), turbidity })
+        Ok(Self { elevation, azimuth, turbidity })
+    }
+}
+
+impl Display for ClearSky {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        write!(f, "{},{},{}", self.elevation, self.azimuth, self.turbidity)
     }
 }
 
 impl ClearSky {
+    /// Elevation and azimuth in radians.
+    fn radians(&self) -> (f32, f32) {
+        (self.elevation.to_radians().min(FRAC_PI_2), (self.azimuth % 360.0).to_radians())
+    }
+
     /// Unit direction toward the sun.
     fn toward_sun(&self) -> Vec3 {
-        let ((sin, cos), (x, z)) = (self.elevation.sin_cos(), self.azimuth.sin_cos());
+        let (elevation, azimuth) = self.radians();
+        let ((sin, cos), (x, z)) = (elevation.sin_cos(), azimuth.sin_cos());
         Vec3::new(x * cos, sin, z * cos)
     }
 
     /// The sky without the sun.
     pub fn environment(&self, strength: f32) -> Environment {
-        let Self { elevation, turbidity, .. } = *self;
+        let (elevation, turbidity) = (self.radians().0, self.turbidity);
         let sun = self.toward_sun();
         // The parameters are in the model's range.
         let state = SkyState::new(&SkyParams { elevation, turbidity, albedo: [GROUND_ALBEDO; 3] }).ok();
@@ -90,7 +102,8 @@ impl ClearSky {
     /// Irradiance of the sun on a surface that faces it, linear RGB, by optical depths that were fitted to the sun of Mitsuba's
     /// `sunsky`: within 2.5 % from 5 degrees on. The relative air mass is that of Kasten and Young 1989.
     fn sun_irradiance(&self) -> Vec3 {
-        let air_mass = 1.0 / (self.elevation.sin() + 0.50572 * (self.elevation.to_degrees() + 6.07995).powf(-1.6364));
+        let elevation = self.radians().0;
+        let air_mass = 1.0 / (elevation.sin() + 0.50572 * (elevation.to_degrees() + 6.07995).powf(-1.6364));
         let below = (self.turbidity as usize - 1).min(HAZE.len() - 2);
         let haze = HAZE[below] + (HAZE[below + 1] - HAZE[below]) * (self.turbidity - 1.0 - below as f32);
         let log = air_mass.ln();

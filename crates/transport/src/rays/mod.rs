@@ -3,8 +3,6 @@
 
 use std::sync::Arc;
 
-use serde::{Deserialize, Serialize};
-
 use crate::Result;
 use crate::scene::Scene;
 
@@ -19,18 +17,15 @@ pub use batch::{AnyHit, HitBatch, MISS, RayBatch, RayOrder};
 pub use build::Watch;
 pub use queries::{BackendInfo, RayQueries};
 
-/// Which library answers ray queries.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Backend {
-    /// Embree 4, as the system has it.
-    #[default]
-    Embree,
-    /// obvhs, in pure Rust.
-    Obvhs,
+bismar_scene::named_variants! {
+    /// Which library answers ray queries.
+    pub enum Backend {
+        /// Embree 4, as installed on the system.
+        Embree = "embree",
+        /// obvhs, a BVH library in pure Rust.
+        Obvhs = "obvhs",
+    }
 }
-
-bismar_scene::named_variants! { Backend { Embree = "embree", Obvhs = "obvhs" } }
 
 /// Builds the acceleration structure of a scene, with as many threads as the current rayon pool has.
 ///

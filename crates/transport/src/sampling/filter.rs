@@ -3,25 +3,17 @@
 
 use std::sync::Arc;
 
-use serde::{Deserialize, Serialize};
-
 use crate::lanes::{F, eight};
 
-/// Pixel reconstruction filter, by importance sampling.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum PixelFilter {
-    /// Gaussian of standard deviation 0.5 pixels, cut at 1.5.
-    Gaussian,
-    /// One pixel's square.
-    Box,
-    /// Blackman-Harris of radius 1.5 pixels.
-    BlackmanHarris,
-}
-
 bismar_scene::named_variants! {
-    PixelFilter {
-        Gaussian = "gaussian", Box = "box", BlackmanHarris = "blackman-harris",
+    /// Pixel reconstruction filter, by importance sampling.
+    pub enum PixelFilter {
+        /// Gaussian of standard deviation 0.5 pixels, truncated at 1.5 pixels.
+        Gaussian = "gaussian",
+        /// Box of one pixel.
+        Box = "box",
+        /// Blackman-Harris of radius 1.5 pixels.
+        BlackmanHarris = "blackman-harris",
     }
 }
 

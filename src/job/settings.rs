@@ -1,9 +1,50 @@
-//! Camera, resolution and crop window of a command, which depend on the scene.
+//! Settings of a request: what its options ask of each other, and camera and resolution, which depend on the scene.
 
 use super::request::RenderRequest;
-use crate::render::{RenderSettings, tile_positions};
+use crate::film::Aov;
+use crate::render::{Balance, Choice, RenderSettings, Technique, tile_positions};
 use crate::scene::{Camera, Framing, Projection, Scene, choose};
 use crate::{Error, Result};
+
+impl RenderRequest {
+    /// Checks what options ask of each other. `has_frames`: it is what the frames of a sequence have in common.
+    ///
+    /// # Errors
+    /// [`Error::Usage`].
+    pub fn check(&self, has_frames: bool) -> Result<()> {
+        let wrong = |why: String| Err(Error::Usage(why));
+        let name = self.balance.name();
+        match (self.balance.method().needs_goal(), self.spp, self.pilot) {
+            (true, None, _) => {
+                let why = "its pilot is a share of all samples, so their number must be known in advance";
+                return wrong(format!("--balance {name} needs --spp: {why}"));
+            }
+            (false, _, Some(_)) => {
+                let with_pilot = Balance::all().iter().filter(|b| b.method().needs_goal()).map(|b| b.name());
+                let with_pilot = with_pilot.collect::<Vec<_>>().join(" or ");
+                return wrong(format!(
+                    "--pilot needs --balance {with_pilot}; {name} has no pilot whose size can be set"
+                ));
+            }
+            _ => {}
+        }
+        let on = |technique: &Technique| self.techniques.choices[*technique] == Some(Choice::On);
+        let refused = Technique::ALL.iter().find(|it| self.noise.is_some() && on(it) && !it.row().suits_noise_goal);
+        if let Some(refused) = refused {
+            let flag = refused.row().flag;
+            return wrong(format!(
+                "--{flag} cannot be used with --noise, which gives each tile the paths that it needs"
+            ));
+        }
+        if self.seed_per_frame == Some(true) && !has_frames && self.selection.frame.is_none() {
+            return wrong("--seed-per-frame needs a frame: --frames or --frame".into());
+        }
+        // `--aov all` leaves out what cannot be written.
+        let velocity = self.aov.len() < Aov::ALL.len() && self.aov.contains(&Aov::Velocity);
+        self.selection.check(has_frames || self.selection.is_posed(), velocity, self.rays)?;
+        self.view.check()
+    }
+}
 
 /// Render settings of a request, completed by the scene.
 ///
@@ -19,7 +60,8 @@ pub fn settings(request: &RenderRequest, scene: &Scene) -> Result<RenderSettings
         return Err(Error::Data(format!("{}: {fault}", request.scene.display())));
     }
     let (width, height) = request.size.map_or_else(|| size(&scene.cameras[camera]), |s| (s.0, s.1));
-    let settings = RenderSettings { camera, width, height, ..request.settings.clone() };
+    request.check(false)?;
+    let settings = RenderSettings { camera, width, height, ..request.settings() };
     settings.validate(scene)?;
     if let Some(part) = settings.part
         && tile_positions(&settings).is_empty()
