@@ -4,8 +4,8 @@ use super::lobe_set::LobeSet;
 use crate::lanes::{F, V3};
 use crate::sampling::warp;
 
-/// Maximum levels of a stack: lobes on top of the innermost one.
-pub const MAX_LEVELS: usize = 6;
+/// Maximum levels of a stack: lobes on top of the innermost one. That of materials has six.
+pub const MAX_LEVELS: usize = 8;
 
 /// Probabilities with which sampling chooses the top lobe of each level of a stack, from the innermost level on.
 pub type TopProbabilities = [F; MAX_LEVELS];
