@@ -304,7 +304,7 @@ impl Driver<'_> {
         };
         let is_clean = |tile: &Tile| noise_goal.is_some_and(|goal| tile.is_clean(&goal));
         let size = match scheduler::next(settings, &state) {
-            Next::Stop(StopReason::Noise) if !tiles.iter().all(|tile| is_clean(tile)) => {
+            Next::Stop(StopReason::Noise) if !tiles.iter().all(is_clean) => {
                 return Err(StopReason::Samples);
             }
             Next::Pass(size) => size,
