@@ -1,7 +1,7 @@
 //! Bismar: an offline path tracer that estimates, for each pixel and while it renders, the best share of light and BSDF
 //! samples (the balance).
 //!
-//! Data flows one way: [`scene`] → [`rays`] → [`integrator`] (with [`balance`]) → [`render`] → [`film`]. A [`RenderRequest`] is what
+//! Data flows one way: [`scene`] → [`rays`] → [`integrator`] (with [`balance`]) → [`render`](mod@render) → [`film`]. A [`RenderRequest`] is what
 //! the command line asks for; [`balance::Method`] finds light shares, and [`integrator::PathEvents`] learns of paths.
 //!
 //! Load, render, save (`examples/` has more: progress and AOVs, resuming from a file, balances compared, a method, a client of paths):

@@ -34,7 +34,7 @@ pub struct RunOptions<'a> {
     /// When the clock of [`RenderSettings::time`] began, for this session.
     pub began: Instant,
     /// What an earlier session left. Its tiles must be those of the settings
-    /// ([`checkpoint::fits`](super::checkpoint::fits)).
+    /// ([`checkpoint::fits`](super::record::checkpoint::fits)).
     pub from: Option<Saved>,
     /// Called now and then with what has been rendered so far.
     pub pauses: Vec<Pause<'a>>,

@@ -17,7 +17,7 @@ pub struct State {
     pub goal: Option<u32>,
     /// Passes completed.
     pub passes: u32,
-    /// Passes after which a study stops ([`StudyOptions`](super::StudyOptions)).
+    /// Passes after which a study stops ([`StudyOptions`](crate::render::StudyOptions)).
     pub max_passes: Option<u32>,
     /// Is every tile finished?
     pub clean: bool,

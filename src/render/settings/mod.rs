@@ -99,7 +99,7 @@ pub struct RenderSettings {
     pub spp: Option<u32>,
     /// Stop after these wall seconds of all sessions, including loading, > 0.
     pub time: Option<f64>,
-    /// Stop at this estimated relative error, tile by tile ([`adaptive`](super::adaptive)), > 0.
+    /// Stop at this estimated relative error, tile by tile, > 0.
     pub noise: Option<f64>,
     /// Minimum paths per pixel before `noise` is estimated, ≥ 2; `None`: [`NOISE_PATHS`].
     pub min_spp: Option<u32>,
@@ -151,7 +151,7 @@ pub struct RenderSettings {
 pub struct StudyOptions {
     /// Stop after this many passes.
     pub max_passes: Option<u32>,
-    /// Render only these tiles of the whole picture's grid ([`Tile::grid_position`](super::tile::Tile)), in this order.
+    /// Render only these tiles of the whole picture's grid (column and row), in this order.
     pub tiles: Option<Arc<[[u32; 2]]>>,
 }
 
@@ -163,13 +163,13 @@ const UNKNOWN_SPP: u32 = 128;
 /// Which columns tiles have besides the statistics.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Columns {
-    /// [`Tile::moments`].
+    /// Moments of the balance.
     pub moments: bool,
-    /// [`Tile::aovs`].
+    /// AOV sums.
     pub aovs: bool,
-    /// [`Tile::extras`].
+    /// Extra sums.
     pub extras: bool,
-    /// [`Tile::ground`].
+    /// Sums of the ground.
     pub ground: bool,
     /// Number of light layers.
     pub layers: usize,
