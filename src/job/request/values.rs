@@ -32,11 +32,19 @@ pub fn balance() -> impl TypedValueParser<Value = Balance> {
 
 /// The parser of a flag with such values.
 pub fn value_of<T: Named>() -> impl TypedValueParser<Value = T> {
-    let help = |help: &'static str| help.trim().trim_end_matches('.');
-    let values = T::VALUES.iter().map(|(_, name, about)| PossibleValue::new(*name).help(help(about)));
-    let parse =
-        |text: String| T::VALUES.iter().find(|value| value.1 == text).map(|value| value.0).ok_or("unknown value");
-    PossibleValuesParser::new(values).try_map(parse)
+    PossibleValuesParser::new(possible::<T>().map(|(_, value)| value)).try_map(named)
+}
+
+/// Values, as those of a flag with their help.
+fn possible<T: Named>() -> impl Iterator<Item = (T, PossibleValue)> {
+    let value =
+        |name: &'static str, help: &'static str| PossibleValue::new(name).help(help.trim().trim_end_matches('.'));
+    T::VALUES.iter().map(move |(variant, name, help)| (*variant, value(name, help)))
+}
+
+/// The value of a name.
+fn named<T: Named>(name: String) -> std::result::Result<T, &'static str> {
+    T::VALUES.iter().find(|value| value.1 == name).map(|value| value.0).ok_or("unknown value")
 }
 
 /// The choices that are asked for.
@@ -61,14 +69,11 @@ fn path_reuse(text: &str) -> Parsed<(Choice, Option<Reuse>)> {
 impl TechniqueOptions {
     fn flag(technique: Technique) -> Arg {
         let Row { flag, about, even, is_switch, .. } = *technique.row();
-        let names = Choice::VALUES.iter().map(|(choice, name, help)| {
-            let value = PossibleValue::new(*name).help(help.trim().trim_end_matches('.'));
-            match choice {
-                // Batch files have true and false.
-                Choice::Off => value.alias("false"),
-                Choice::On => value.alias("true"),
-                Choice::Auto => value,
-            }
+        let names = possible().map(|(choice, value)| match choice {
+            // Batch files have true and false.
+            Choice::Off => value.alias("false"),
+            Choice::On => value.alias("true"),
+            Choice::Auto => value,
         });
         let parser = PossibleValuesParser::new(names).map(|name| match name.as_str() {
             "off" | "false" => Choice::Off,
@@ -166,15 +171,11 @@ impl Preset {
 
 /// Parser of `--preset`, with what each sets as its help.
 pub fn preset() -> impl TypedValueParser<Value = Preset> {
-    let help = |preset: Preset| {
-        let halves = if preset == Preset::Thumbnail { "; halves large base colours (docs/limits.md)" } else { "" };
-        match preset.denoises() {
-            true => format!("{} --denoise oidn (where it is installed; not in batch files){halves}", preset.flags()),
-            false => preset.flags().to_owned(),
-        }
+    let help = |preset: Preset| match preset.denoises() {
+        true => format!("{} --denoise oidn (where it is installed; not in batch files)", preset.flags()),
+        false => preset.flags().to_owned(),
     };
     let names = Preset::ALL.map(|preset| PossibleValue::new(preset.name()).help(help(preset)));
-    let named = |name: String| Preset::ALL.into_iter().find(|preset| preset.name() == name).ok_or("unknown value");
     PossibleValuesParser::new(names).try_map(named)
 }
 
