@@ -59,6 +59,15 @@ fn the_plain_command_is_the_one_with_its_decisions_as_flags() {
         assert_eq!([&fingerprint["guiding"], &fingerprint["adaptive"]], ["auto", "auto"]);
         assert!(header("bismar.stats").contains("\"techniques\""));
     }
+    let decided = |seed: u32| {
+        expect(
+            path,
+            &format!("render cornell.glb --size 72x48 --spp 16 --seed {seed} -q -o any.exr --stats any.json"),
+            0,
+        );
+        read_json(&path.join("any.json"))["techniques"].clone()
+    };
+    assert!((1..4).all(|seed| decided(seed) == decided(0)), "pictures of other seeds decide alike");
     assert!(unchanged >= 2);
     for name in ["learned_lights", "guiding", "adaptive"] {
         assert!(used.contains(&name), "none of the scenes uses {name}: {used:?}");

@@ -5,6 +5,7 @@ use std::process::Command;
 use std::sync::atomic::AtomicBool;
 
 use bismar::balance::Balance;
+use bismar::render::prepass::SEED;
 use bismar::render::{Choice, render};
 use bismar_study::stability::judge::{FALSE_ALARM, Verdict, z_limit};
 use bismar_study::stability::page::write;
@@ -111,7 +112,7 @@ fn a_picture_in_the_modes_of_guiding_is_what_a_render_is() {
     for case in guiding::scenes::cases().unwrap() {
         for way in [Choice::Off, Choice::On, Choice::Auto] {
             let settings = guiding::scenes::settings(7, way);
-            let field = guiding::scenes::field(&case.scene, &settings);
+            let field = guiding::scenes::field(&case.scene, &guiding::scenes::settings(SEED, way));
             assert_eq!(way == Choice::On, field.is_some() && way != Choice::Auto, "{}", case.mode);
             let own = guiding::pixels(&case.scene, field.as_ref(), 7, settings.spp.unwrap());
             let rendered = render(&case.scene, &settings, &AtomicBool::new(false), &|_| ()).unwrap();

@@ -213,7 +213,7 @@ fn survey(
     let tasks: Vec<_> = places.into_iter().map(|i| PixelTask::first(place(i), counts, 0)).collect();
     wave.counts = WaveCounts::default();
     let [a, b] = [0, 1].map(|scramble| {
-        let transport = Transport { seed: hash(settings.seed ^ hash(0x616c_6c6f + scramble)), ..transport.clone() };
+        let transport = Transport { seed: hash(transport.seed ^ hash(0x616c_6c6f + scramble)), ..transport.clone() };
         let mut sums = vec![Vec3::ZERO; tasks.len()];
         wave.run(&transport, &tasks, &mut ScatteredSums(&mut sums));
         sums.into_iter().map(|sum| sum / paths as f32).collect::<Vec<_>>()

@@ -47,8 +47,7 @@ pub fn compare(
     let pixels = settings.pixels() * f64::from(spp) / PICTURE_PATHS / f64::from(4 * paths);
     let pixels = spread([settings.width, settings.height], pixels.clamp(PIXELS[0], PIXELS[1]) as u32);
     let of_group = |pixels: &[[u32; 2]]| {
-        let both =
-            |wave: &mut Wave| [guided, unguided].map(|transport| trace(wave, transport, settings, pixels, paths));
+        let both = |wave: &mut Wave| [guided, unguided].map(|transport| trace(wave, transport, pixels, paths));
         (!stopped()).then(|| with_buffers(|buffers| both(buffers.wave())))
     };
     let groups: Option<Vec<_>> = pixels.par_chunks((PATHS_PER_WAVE / paths) as usize).map(of_group).collect();
@@ -77,18 +76,12 @@ pub fn spread(size: [u32; 2], pixels: u32) -> Vec<[u32; 2]> {
 }
 
 /// Colours of these pixels, and rays of their paths.
-fn trace(
-    wave: &mut Wave,
-    transport: &Transport,
-    settings: &RenderSettings,
-    pixels: &[[u32; 2]],
-    paths: u32,
-) -> (Vec<Colors>, f64) {
+fn trace(wave: &mut Wave, transport: &Transport, pixels: &[[u32; 2]], paths: u32) -> (Vec<Colors>, f64) {
     let counts = transport.half(paths);
     let tasks: Vec<_> = pixels.iter().map(|pixel| PixelTask::first(*pixel, counts, 0)).collect();
     wave.counts = WaveCounts::default();
     let [a, b] = [0, 1].map(|scramble| {
-        let transport = Transport { seed: hash(settings.seed ^ hash(0x636f_6d70 + scramble)), ..transport.clone() };
+        let transport = Transport { seed: hash(transport.seed ^ hash(0x636f_6d70 + scramble)), ..transport.clone() };
         let mut stats = vec![PixelStats::default(); tasks.len()];
         wave.run(&transport, &tasks, &mut PixelSums::new(&mut stats));
         stats

@@ -1,6 +1,6 @@
 //! Decides whether light samples of the environment are drawn by the compensated density (radiance above the mean; MIS
 //! compensation, Karlík et al. 2019). A pre-pass at low resolution compares both densities over all surfaces. Its result
-//! depends only on the scene, the view and the seed, so that every part, crop and session decides alike.
+//! depends only on the scene, the view and settings, so that every part, crop and session decides alike.
 
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
@@ -55,7 +55,7 @@ impl Compensation {
         }
         let ([width, height], camera) = low_resolution(scene, settings, effort::compensation_pixels(settings.pixels()));
         let [plain, compensated] = [Density::Radiance, Density::Compensated].map(|density| {
-            let seed = hash(settings.seed ^ hash(0x736b_7921));
+            let seed = hash(transport.seed ^ hash(0x736b_7921));
             let lights = LightProposal { density, ..transport.proposal.lights };
             let proposal = Proposal { lights, ..transport.proposal };
             let transport = Transport { camera: camera.clone(), seed, proposal, ..transport.clone() };

@@ -1,7 +1,7 @@
 //! The pre-pass: a short render of the same view at low resolution before the first pass. It decides how the environment is
 //! sampled ([`compensation`]), how emissive triangles are ([`learned_lights`]) and whether paths are guided ([`guiding`]): the
 //! last two learn from the same paths ([`rounds`]). Then it decides whether paths are re-used ([`path_reuse`]). Results
-//! depend only on the scene, the view, the seed and settings, so that every part, crop and session decides alike.
+//! depend only on the scene, the view and settings but the seed, so that every part, crop, session and seed decides alike.
 
 pub mod allocation;
 mod comparison;
@@ -29,6 +29,9 @@ use learned_lights::LightsLearner;
 use path_reuse::PathReuse;
 use rounds::{Decided, Learner};
 
+/// The seed of all pre-passes, whose decisions are then those of all seeds. A picture with this one has other scrambles.
+pub const SEED: u32 = 4;
+
 /// The results of a render's pre-passes.
 #[derive(Default)]
 pub struct Prepasses<'s> {
@@ -43,7 +46,7 @@ impl<'s> Prepasses<'s> {
     /// The results mean nothing if `stop` is raised: the rest then ends within a tile's time.
     pub fn run(scene: &'s PreparedScene, settings: &RenderSettings, stop: &AtomicBool) -> Self {
         let mut found = Self::default();
-        let plain = transport(scene, settings);
+        let plain = Transport { seed: SEED, ..transport(scene, settings) };
         // Paths end at unlit surfaces, and in a scene without light they find nothing: there is nothing to sample better.
         let Scene { instances, materials, .. } = &*scene.scene;
         if !instances.is_empty() && materials.iter().any(|material| !material.unlit) && scene.scene.is_lit() {

@@ -142,7 +142,7 @@ fn compare(
 fn errors(transport: &Transport, settings: &RenderSettings, position: [u32; 2], ways: &[Way]) -> Vec<(Vec<f64>, f64)> {
     let RenderSettings { width, height, .. } = *settings;
     let scramble = |way: Way, number: u32| {
-        let seed = hash(settings.seed ^ hash(0x7265_7573 + number));
+        let seed = hash(transport.seed ^ hash(0x7265_7573 + number));
         let transport =
             Transport { seed, proposal: Proposal { reuse: way, ..transport.proposal }, ..transport.clone() };
         let mut tile = Tile::new(position, width, height, Columns { layers: 0, ..settings.columns() });

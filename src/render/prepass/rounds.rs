@@ -177,7 +177,7 @@ pub fn run(
         let began = Instant::now();
         let mut round = {
             let proposal = learners.iter().fold(transport.proposal, |proposal, learner| learner.apply(proposal));
-            let seed = hash(settings.seed ^ hash(0x6775_6964 + number));
+            let seed = hash(transport.seed ^ hash(0x6775_6964 + number));
             let transport = Transport { camera: camera.clone(), seed, proposal, ..transport.clone() };
             trace(&transport, size, (number, 1 << number), wants, stop)?
         };

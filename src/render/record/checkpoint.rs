@@ -70,7 +70,7 @@ impl Saved {
 }
 
 /// Version of the record and of the packed tiles. Files of other versions are not read.
-pub const FORMAT: u32 = 9;
+pub const FORMAT: u32 = 10;
 /// Header attribute with the seeds of a mean, in place of a record.
 const SEEDS: &str = "bismar.seeds";
 

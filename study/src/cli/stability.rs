@@ -38,9 +38,9 @@ pub(super) struct StabilityArgs {
 /// Methods with their own failure modes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Methods {
-    /// Every --balance: F1 to F18, F24, F25
+    /// Every --balance: F1 to F18, F24, F25, F34
     Balance,
-    /// --guiding: F19 to F23
+    /// --guiding: F19 to F23, F33
     Guiding,
     /// --path-reuse: F26 to F32
     PathReuse,

@@ -34,7 +34,7 @@ use simulate::{Biased, Unsafe, replica};
 /// A failure mode and the results of the estimators in it.
 #[derive(Debug, Clone, Serialize)]
 pub struct ModeResult {
-    /// F1 … F32.
+    /// F1 … F34.
     pub mode: &'static str,
     pub name: &'static str,
     /// Description of the case.
@@ -108,10 +108,10 @@ impl Results {
 /// Results of a run of the study.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct Found {
-    /// F1 … F18, F24, F25.
+    /// F1 … F18, F24, F25, F34.
     #[serde(flatten)]
     pub balance: Option<Results>,
-    /// F19 … F23.
+    /// F19 … F23, F33.
     pub guiding: Option<Results>,
     /// F26 … F32.
     pub path_reuse: Option<Results>,

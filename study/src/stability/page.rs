@@ -29,7 +29,7 @@ fn facts(results: &Results) -> Table {
 
 const LEAD: &str = "Which `--balance` is safe in the failure modes of adaptive sampling. The numbers are variances over those \
 of `half` with equal paths, in the worst pixel and colour channel: 1 is no harm, below 1 is a gain. `half` fails nothing. F19 to \
-F23 test path guiding, F26 to F32 path re-use.";
+F23 and F33 test path guiding, F26 to F32 path re-use.";
 const WORST: &str = "✗: a pixel exceeds the mode's bar by more than chance explains. ?: the worst pixel (± its standard error) \
 exceeds it, but chance may explain that. 1.00 may mean that a method learned nothing from so few samples, or nothing that it \
 trusted: see its shares below. `power` and `max` do not adapt; their losses come from their weights.";
@@ -43,8 +43,7 @@ it may add noise, but it must not change the mean. In these rows too, `auto` use
 const GUIDED_CONTROLS: &str = "Deliberate errors in the scene of F23. Averages weighted by measured variances are too dark: they \
 prefer the half of the paths that missed the light. Guiding by the firefly's field is noisy but unbiased.";
 const GUIDED_METHOD: &str = "Renders of the 4 x 4 pixels in the middle of 64 x 64, with 64 paths per pixel and at most 4 segments per \
-path; the pre-pass covers all 64 x 64 pixels. A hundred replicas share a pre-pass; the first of them equals, to the bit, what \
-`render` makes with these settings.";
+path; the pre-pass covers all 64 x 64 pixels. A hundred replicas share a pre-pass.";
 const SHARES: &str = "Mean share of light samples in the last pass ± its standard deviation over replicas. F10 tests how much \
 the share varies where all pixels are equal.";
 const FACTS: &str = "The share of light samples after samples that break naive rules. Invalid samples must not count.";

@@ -20,14 +20,14 @@ use super::renders::Renders;
 /// Pixels along a side.
 pub(super) const SIDE: u32 = 4;
 /// Number of [`scene_cases`].
-pub const SCENES: usize = 9;
+pub const SCENES: usize = 10;
 pub const PATHS: u32 = 64;
 /// First seed of the renders that estimate the true means.
 pub const OTHER_SEEDS: u32 = 1 << 30;
 
 /// A failure mode on a scene.
 pub struct SceneCase {
-    /// F1 … F18, F24 … F32.
+    /// F1 … F18, F24 … F32, F34.
     pub mode: &'static str,
     pub name: &'static str,
     /// Description of the scene.
@@ -128,6 +128,12 @@ pub fn scene_cases() -> Result<[SceneCase; SCENES]> {
     floor(&mut touching, [-3.0, 3.0], metal(0.5));
     touching.lights.push(point_light([0.0, 0.2, 0.0], 0.2));
 
+    // Mirror images of the lamp pass the back of the sheet, other light does not.
+    let mut backs = lit_from_infinity();
+    floor(&mut backs, [-3.0, 3.0], metal(0.3));
+    ceiling(&mut backs, [0.0, 1.0, -0.6], 0.3, area_light(6.0));
+    plate(&mut backs, [-1.0, 0.5, 0.4], [1.0, 0.0, 0.0], [0.0, 0.0, -1.4], lambert(0.5));
+
     let (direct, path) = (Integrator::Direct, Integrator::Path);
     let mirrored = "an area light, and its reflection in a small mirror that only BSDF samples find";
     let glossy = "a glossy floor under an area light and an environment";
@@ -142,6 +148,7 @@ pub fn scene_cases() -> Result<[SceneCase; SCENES]> {
         build("F18", "compensation, in the shade", "an environment whose sun a wall hides", path, shady, 0.3)?,
         build("F24", "learned light selection", hidden, direct, walled, 0.3)?,
         build("F25", "a sphere that touches a surface", "a lamp on a glossy floor", direct, touching, 0.2)?,
+        build("F34", "backs", "half of a polished floor has the back of a sheet over it", direct, backs, 0.3)?,
     ])
 }
 

@@ -1,6 +1,8 @@
 //! Layering: one lobe on top of others.
 
-use super::lobe::{DirectionSample, Directions, Frames, Lobe, MAX_LEVELS, Response, Straight, TopProbabilities};
+use super::lobe::{
+    DirectionSample, Directions, Frames, Lobe, MAX_LEVELS, Response, Straight, TopProbabilities, is_large,
+};
 use super::lobe_set::LobeSet;
 use super::parameters::Parameters;
 use crate::lanes::{F, LANES, Rows, V3, eight};
@@ -102,18 +104,18 @@ impl<Top: Lobe, Base: Lobe> Lobe for Layered<Option<Top>, Base> {
 
     #[inline(always)]
     fn straight(&self, n: V3, wo: V3, light: F, bodies: bool) -> Straight {
-        let top = self.top().map(|top| top.straight(n, wo, light, bodies));
-        let base = self.base.straight(n, wo, top.map_or(light, |top| top.transmittance), bodies);
-        let Some(top) = top else { return base };
+        // Not to ask again after the base whether there is a top lobe: the compiler would copy the base for both answers.
+        let absent = Straight { weight: V3::ZERO, transmittance: light };
+        let top = self.top().map_or(absent, |top| top.straight(n, wo, light, bodies));
+        let base = self.base.straight(n, wo, top.transmittance, bodies);
         Straight { weight: top.weight + base.weight, transmittance: base.transmittance }
     }
 
     #[inline(always)]
     fn eval(&self, d: &Directions, light: F) -> Response {
-        // One call of the base, whether there is a top lobe or not: it is inlined at every level.
-        let top = self.top().map(|lobe| lobe.eval(d, light));
-        let base = self.base.eval(d, top.map_or(light, |top| top.transmittance));
-        let Some(top) = top else { return base };
+        let Some(top) = self.top() else { return eval_base(&self.base, d, light) };
+        let top = top.eval(d, light);
+        let base = eval_base(&self.base, d, top.transmittance);
         let p = d.top[Base::LEVELS];
         let pdf = p.mul_add(top.pdf, (F::ONE - p) * base.pdf);
         Response { value: top.value + base.value, pdf, transmittance: base.transmittance }
@@ -124,20 +126,49 @@ impl<Top: Lobe, Base: Lobe> Lobe for Layered<Option<Top>, Base> {
         &self,
         frames: &Frames,
         wo: V3,
-        [lobe, u, v]: [F; 3],
+        numbers: [F; 3],
         probabilities: &TopProbabilities,
     ) -> DirectionSample {
+        let Some(top) = self.top() else { return sample_base(&self.base, frames, wo, numbers, probabilities) };
         // Reuse the number: rescaled to [0, 1), it chooses among the parts of the chosen lobe.
+        let ([lobe, u, v], p) = (numbers, probabilities[Base::LEVELS]);
         let within = |from: F, size: F| ((lobe - from) / size).fast_max(F::ZERO).fast_min(F::splat(ONE_MINUS_EPSILON));
-        let upper = self.top().map(|upper| (upper, probabilities[Base::LEVELS]));
-        let beneath = upper.map_or(lobe, |(_, p)| within(p, F::ONE - p));
-        let base = self.base.sample_direction(frames, wo, [beneath, u, v], probabilities);
-        let Some((upper, p)) = upper else { return base };
+        let base = sample_base(&self.base, frames, wo, [within(p, F::ONE - p), u, v], probabilities);
         let from_top = lobe.simd_lt(p);
         if !from_top.any() {
             return base;
         }
-        let top = upper.sample_direction(frames, wo, [within(F::ZERO, p), u, v], probabilities);
+        let top = top.sample_direction(frames, wo, [within(F::ZERO, p), u, v], probabilities);
         DirectionSample { wi: V3::select(from_top, top.wi, base.wi), h: V3::select(from_top, top.h, base.h) }
+    }
+}
+
+/// [`Lobe::eval`] of the layers beneath: a call if they are several, since both callers of it at each level of a stack would
+/// inline them.
+#[inline(always)]
+fn eval_base<Base: Lobe>(base: &Base, d: &Directions, light: F) -> Response {
+    #[inline(never)]
+    fn call(base: &impl Lobe, d: &Directions, light: F) -> Response {
+        base.eval(d, light)
+    }
+    if is_large::<Base>() { call(base, d, light) } else { base.eval(d, light) }
+}
+
+/// [`Lobe::sample_direction`] of the layers beneath, as [`eval_base`].
+#[inline(always)]
+fn sample_base<Base: Lobe>(
+    base: &Base,
+    frames: &Frames,
+    wo: V3,
+    numbers: [F; 3],
+    probabilities: &TopProbabilities,
+) -> DirectionSample {
+    #[inline(never)]
+    fn call(base: &impl Lobe, frames: &Frames, wo: V3, numbers: [F; 3], top: &TopProbabilities) -> DirectionSample {
+        base.sample_direction(frames, wo, numbers, top)
+    }
+    match is_large::<Base>() {
+        true => call(base, frames, wo, numbers, probabilities),
+        false => base.sample_direction(frames, wo, numbers, probabilities),
     }
 }

@@ -100,7 +100,7 @@ pub trait Lobe: Copy {
 }
 
 /// Is the code of a stack so large that it is compiled once, and not wherever it is called?
-const fn is_large<L: Lobe>() -> bool {
+pub(super) const fn is_large<L: Lobe>() -> bool {
     L::LEVELS > 1
 }
 

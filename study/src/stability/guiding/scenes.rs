@@ -11,9 +11,9 @@ use bismar::rays::Backend;
 use bismar::render::prepass::guiding::learned;
 use bismar::render::{Choice, RenderSettings, Technique, transport};
 use bismar::sampling::SplitMix64;
-use bismar::scene::build::{area_light, lambert, look, metal};
+use bismar::scene::build::{Shape, add_shape, area_light, lambert, look, metal, quad};
 use bismar::scene::{Environment, Material, Scene};
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
 use crate::stability::scenes::{PATHS, ceiling, plate};
 
@@ -25,7 +25,7 @@ pub(super) const WINDOW: [u32; 4] = [30, 30, 34, 34];
 const MAX_DEPTH: u32 = 4;
 /// A failure mode on a scene.
 pub struct Case {
-    /// F19 … F23.
+    /// F19 … F23, F33.
     pub mode: &'static str,
     pub name: &'static str,
     /// Description of the scene.
@@ -36,7 +36,7 @@ pub struct Case {
 }
 
 /// Number of [`cases`].
-pub const CASES: usize = 5;
+pub const CASES: usize = 6;
 /// Height of the rooms in metres; they reach from −2 to 2 in x and z.
 const HEIGHT: f32 = 2.5;
 /// Height of the light coves in metres.
@@ -84,6 +84,15 @@ fn coves(left: f32, right: f32) -> Scene {
     cove(&mut scene, -1.6, left);
     cove(&mut scene, 1.6, right);
     look(&mut scene, [0.0, 1.5, 1.9], [0.0, 0.0, 0.0], 0.8);
+    scene
+}
+
+/// Hidden area lights over a floor whose shading normal leans by 37°: fields draw directions that it cannot scatter.
+fn bumps() -> Scene {
+    let mut scene = coves(4.0, 40.0);
+    let corners = [[-2.0, 2.0], [2.0, 2.0], [2.0, -2.0], [-2.0, -2.0]].map(|[x, z]| DVec3::new(x, 0.01, z));
+    let floor = Shape { normals: vec![DVec3::new(-0.6, 0.8, 0.0); 4], ..quad(corners) };
+    add_shape(&mut scene, &floor, lambert(0.6));
     scene
 }
 
@@ -173,6 +182,7 @@ pub fn cases() -> Result<[Case; CASES]> {
     let rare = "light of radiance 1/1000 through a small hole: one path in a thousand finds it";
     let made_up = "two hidden area lights; one made-up training sample, a million times as bright as the others, draws seven of \
                    eight samples on the floor to a wall";
+    let leaning = "two hidden area lights; the floor's shading normal leans by 37°";
     let learned = learned_in(coves(4.0, 0.0))?;
     Ok([
         case("F19", "bright caustic", half_lit, caustic(), None)?,
@@ -180,6 +190,7 @@ pub fn cases() -> Result<[Case; CASES]> {
         case("F21", "cells across a thin wall", thin, divided(), None)?,
         case("F22", "almost black", rare, almost_black(), None)?,
         case("F23", "one firefly", made_up, coves(4.0, 40.0), Some(firefly()))?,
+        case("F33", "bumps", leaning, bumps(), None)?,
     ])
 }
 
