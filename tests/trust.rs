@@ -6,7 +6,7 @@ use std::path::Path;
 use std::process::Command;
 
 use crate::helpers::glb;
-use crate::helpers::program::{Folder, expect, names, run, says, seal, stderr};
+use crate::helpers::program::{Folder, expect, names, run, says, seal, stderr, stdout};
 
 /// A folder with a scene of a triangle.
 fn folder() -> Folder {
@@ -353,6 +353,14 @@ fn names_turn_no_text_of_a_page() {
     for page in ["p.html", "q.html", "bismar-check/junit.xml"] {
         let text = fs::read_to_string(path.join(page)).unwrap();
         assert!(text.contains("\\u{202e}bmg") && !text.contains(['\u{202e}', '\u{2066}']), "{page}");
+    }
+    // Nor lines of a terminal, logs and JSON among them.
+    let compared = stdout(path, &format!("compare {name}.exr {name}.exr --json"), 0);
+    assert_eq!(serde_json::from_str::<serde_json::Value>(&compared).unwrap()["a"], format!("{name}.exr"));
+    for log in ["text", "json"] {
+        let said = expect(path, &format!("render {name} --size 16x16 --spp 1 -v --log {log} -o r.exr"), 0);
+        assert!(said.contains("202e"), "{said}");
+        assert!(![said, compared.clone()].concat().contains(['\u{202e}', '\u{2066}']), "{log}");
     }
 }
 
