@@ -100,10 +100,13 @@ def links(side, checkout):
 
 def check_out(base, path, there, here):
     """Refuses a path of which git has not checked out all, at the base or here."""
-    listed = git("--literal-pathspecs", "ls-tree", "-r", "-z", "--full-tree", base, *([] if path == "." else [path]))[1]
-    for mode, name in ((line.split(" ")[0], line.split("\t", 1)[1]) for line in listed.split("\0")[:-1]):
-        if mode == "160000" or not os.path.lexists(os.path.join(there, name)):
-            raise Refused(65, f"{name} is {'a submodule' if mode == '160000' else 'not checked out at the base'}: not compared")
+    for side, printed in [(there, git("ls-tree", "-r", "-z", "--full-tree", base)[1]), (None, git("-C", here, "ls-files", "-s", "-z")[1])]:
+        for mode, name in ((line.split(" ")[0], line.split("\t", 1)[1]) for line in printed.split("\0")[:-1]):
+            within = path == "." or f"{name}/".startswith(f"{path}/")
+            if mode == "160000" and (within or f"{path}/".startswith(f"{name}/")):
+                raise Refused(65, f"{name} is a submodule: not compared")
+            if side and within and not os.path.lexists(os.path.join(side, name)):
+                raise Refused(65, f"{name} is not checked out at the base: not compared")
     for line in git("--literal-pathspecs", "ls-files", "-z", "-t", "--", os.path.join(here, path))[1].split("\0"):
         if line.startswith("S "):
             raise Refused(65, f"{line[2:]} is left out by a sparse checkout: not compared")
@@ -128,6 +131,8 @@ def compared(options, old, new, path, sheet, limit):
     one = {**json.loads(printed), "name": path}
     kind = "added" if not sides[0] else "removed" if not sides[1] else "unchanged" if one["same_files"] else "changed"
     found[kind].append(one if kind == "changed" else path)
+    if not all(one[side].get("whole", True) for side in ["old", "new", "scene"] if side in one):
+        found["left_out"], exit_code = [{"name": path, "why": "files that it names, which could not be read"}], 65
     return exit_code, found
 
 
@@ -148,7 +153,7 @@ def pairs(options):
 def look(options, base, here, there):
     worst, text, seen = 0, "", set()
     limit = [] if options.max_flip is None else ["--max-flip", options.max_flip]
-    waiting = []
+    waiting, links_out = [], "a link to a folder elsewhere"
     for path in options.paths:
         full = os.path.join(os.getcwd(), path)
         inside = os.path.commonpath([full, here]) == here
@@ -172,7 +177,7 @@ def look(options, base, here, there):
                     waiting.append((os.path.join(path, link), os.path.join(place, link)))
             exit_code, found = compared(options, old, new, path, options.out / f"{name}.png", limit)
             left_out = {one["why"] for one in (found or {}).get("left_out", [])}
-            if exit_code == 65 and left_out == {"a link to a folder elsewhere"} and not found["failed"]:
+            if exit_code == 65 and left_out == {links_out} and not found["failed"]:
                 # These are among the paths.
                 exit_code = int(not all(one["within"] for one in found["changed"]))
         except Refused as refused:
@@ -189,6 +194,7 @@ def look(options, base, here, there):
         rows = [(one["name"], flip(one), "; ".join(one["differences"])) for one in found["changed"]]
         rows += [(name, "", kind) for kind in ["added", "removed"] for name in found[kind]]
         rows += [(one.get("name", ""), "", one.get("error", "failed")) for one in found["failed"]]
+        rows += [(one["name"], "", f"left out: {one['why']}") for one in found.get("left_out", []) if one["why"] != links_out]
         text += "\n" + table(["scene", "FLIP", "what differs"], rows) + "\n" if rows else ""
     return worst, text
 

@@ -86,6 +86,8 @@ fn both_sides_are_whole_checkouts_and_what_is_not_compared_is_an_error() {
     }
     let folder = Folder::new().with_scene("assets/a.glb", "cornell.glb").with("assets/deep/b.glb", glb::triangle());
     let path = &folder.with("more/c.glb", glb::triangle()).with("broken/x.glb", "no scene");
+    fs::create_dir(path.join("lost")).unwrap();
+    fs::write(path.join("lost/t.glb"), glb::pictured()).unwrap();
     // Scenes under a filter, as Git LFS has, and left out of archives.
     fs::write(path.join(".gitattributes"), "*.glb filter=lfs export-ignore -text\n").unwrap();
     git(path, "init -q");
@@ -97,6 +99,7 @@ fn both_sides_are_whole_checkouts_and_what_is_not_compared_is_an_error() {
     }
     git(path, "add .");
     git(path, "commit -qm base");
+    git(path, &format!("update-index --add --cacheinfo 160000,{},sub/m", "1".repeat(40)));
     fs::write(path.join("assets/a.glb"), glb::triangle()).unwrap();
     let top = path.canonicalize().unwrap();
     let changed = "0 added, 0 removed, 1 changed, 1 unchanged, 0 failed";
@@ -114,6 +117,10 @@ fn both_sides_are_whole_checkouts_and_what_is_not_compared_is_an_error() {
         ("broken", 65, "link that leads out"),
         ("broken/x.glb", 65, "see the log"),
         (".gitattributes", 65, "see the log"),
+        ("lost", 65, "left out: files that it names"),
+        ("lost/t.glb", 65, "left out: files that it names"),
+        ("sub", 65, "submodule"),
+        ("sub/m/x.glb", 65, "submodule"),
     ] {
         let said = pictures(path, &format!("pairs --base HEAD {name}"), code);
         assert!(said.contains(why), "{name}: {said}");

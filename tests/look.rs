@@ -200,6 +200,11 @@ fn a_look_stays_in_its_folders_and_says_what_it_left_out() {
     let one = square_of(1.0, 0.0);
     let files = ["a/same", "b/same", "a/out/x", "elsewhere/secret", "b/linked", "b/deep"];
     let path = &files.iter().fold(folder(), |folder, name| folder.with(&format!("{name}.glb"), &one));
+    fs::write(path.join("elsewhere/t.png"), glb::png(image::RgbImage::new(1, 1))).unwrap();
+    for side in ["a", "b"] {
+        fs::write(path.join(side).join("t.glb"), glb::pictured()).unwrap();
+        std::os::unix::fs::symlink("../elsewhere/t.png", path.join(side).join("t.png")).unwrap();
+    }
     let deep = path.join("a").join("d/".repeat(17));
     fs::create_dir_all(&deep).unwrap();
     fs::write(deep.join("x.glb"), &one).unwrap();
@@ -217,9 +222,12 @@ fn a_look_stays_in_its_folders_and_says_what_it_left_out() {
     let left_out = report["left_out"].as_array().unwrap();
     let names: Vec<&str> = left_out.iter().map(|left| left["name"].as_str().unwrap()).collect();
     let deep = "d/".repeat(17);
-    assert_eq!(names, [&deep[..33], "deep.glb", "linked.glb", "out"]);
+    assert_eq!(names, [&deep[..33], "deep.glb", "linked.glb", "out", "t.glb"]);
     assert_eq!((&report["within"], &report["unchanged"]), (&json!(false), &json!(["inside.glb", "same.glb"])));
-    assert!(["added", "removed", "changed", "failed"].iter().all(|key| report[key] == json!([])), "{report}");
+    assert!(["added", "removed", "failed"].iter().all(|key| report[key] == json!([])), "{report}");
+    // Scenes of the same bytes, but who knows what their pictures show.
+    assert_eq!(report["changed"].as_array().unwrap().len(), 1, "{report}");
+    assert_eq!(report["changed"][0]["same_files"], false);
     assert!(
         expect(path, &format!("look a b {SMALL}").replace("-q", ""), 65)
             .contains("linked.glb: left out: a link to a file")

@@ -6,7 +6,7 @@ use std::path::Path;
 use std::process::Command;
 
 use crate::helpers::glb;
-use crate::helpers::program::{Folder, expect, names, run, says, seal, stderr};
+use crate::helpers::program::{Folder, bismar, expect, names, run, says, seal, stderr, stdout};
 
 /// A folder with a scene of a triangle.
 fn folder() -> Folder {
@@ -182,7 +182,21 @@ fn what_bismar_has_not_written_or_others_have_changed_is_replaced_only_by_name()
     let [png, jpg, webp] = [image::ImageFormat::Png, image::ImageFormat::Jpeg, image::ImageFormat::WebP].map(picture);
     let json = br#"{"schema": 3, "bismar.mark": "0", "generator": "bismar", "frames": []}"#.to_vec();
     type Run<'a> = &'a dyn Fn(&str, i32) -> String;
-    let runs: [(Run, _, _, _); 10] = [
+    for part in 1..=2 {
+        let line = format!("render s.glb --turntable 2 --size 32x8 --spp 1 --part {part}/2 -o half{part}.#.exr");
+        expect(path, &line, 0);
+    }
+    let merged = |_: &str, code| expect(path, "merge half1.#.exr half2.#.exr --frames 0-1 -o m.#.exr", code);
+    let part = |_: &str, code| {
+        let mut task = bismar(path);
+        task.args("render s.glb --size 32x8 --spp 1 --part auto/2 -o q.#.exr".split(' '));
+        let output = task.env("AWS_BATCH_JOB_ARRAY_INDEX", "0").output().unwrap();
+        assert_eq!(output.status.code(), Some(code), "{}", stderr(&output));
+        stderr(&output)
+    };
+    let runs: [(Run, _, _, _); 12] = [
+        (&merged, "", "m.1.exr", vec![]),
+        (&part, "", "q.1.exr", vec![]),
         (&batch, "", "p.exr", b"v/1\x01 bismar".to_vec()),
         (&batch, "preview = 'p.png'", "p.png", png),
         (&batch, "preview = 'p.jpg'", "p.jpg", jpg),
@@ -353,6 +367,14 @@ fn names_turn_no_text_of_a_page() {
     for page in ["p.html", "q.html", "bismar-check/junit.xml"] {
         let text = fs::read_to_string(path.join(page)).unwrap();
         assert!(text.contains("\\u{202e}bmg") && !text.contains(['\u{202e}', '\u{2066}']), "{page}");
+    }
+    // Nor lines of a terminal, logs and JSON among them.
+    let compared = stdout(path, &format!("compare {name}.exr {name}.exr --json"), 0);
+    assert_eq!(serde_json::from_str::<serde_json::Value>(&compared).unwrap()["a"], format!("{name}.exr"));
+    for log in ["text", "json"] {
+        let said = expect(path, &format!("render {name} --size 16x16 --spp 1 -v --log {log} -o r.exr"), 0);
+        assert!(said.contains("202e"), "{said}");
+        assert!(![said, compared.clone()].concat().contains(['\u{202e}', '\u{2066}']), "{log}");
     }
 }
 

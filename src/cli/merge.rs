@@ -12,7 +12,7 @@ use crate::console::args::wait;
 use crate::console::{Paths, Verbosity, Verdict, say};
 use crate::farm::PathMapping;
 use crate::film::exr_file::HeaderValue;
-use crate::film::{Exposure, Look, ViewTransform, colors, preview};
+use crate::film::{Exposure, Look, ViewTransform, atomic, colors, preview};
 use crate::job::ViewOptions;
 use crate::job::claim_output;
 use crate::job::memory;
@@ -61,6 +61,8 @@ pub fn run(args: &MergeArgs, verbosity: Verbosity) -> Result<Verdict> {
         all.for_each(|path| mapping.apply(path));
     }
     let Some(frames) = args.frames.take() else { return one(&args, verbosity) };
+    // Names that a number completes are not those of the command line.
+    atomic::confine(&[]);
     let mut worst = 0;
     for &frame in frames.numbers() {
         // A failed frame does not stop the others.
@@ -97,7 +99,7 @@ fn one(args: &MergeArgs, verbosity: Verbosity) -> Result<Verdict> {
     }
     for (flag, path) in [("-o", Some(&args.output)), ("--preview", args.preview.as_ref())] {
         let Some(path) = path else { continue };
-        paths.names(flag, path)?;
+        paths.writes(flag, path)?;
         claims.push(claim_output(path)?);
     }
     wait_for(&args.parts, args.wait)?;

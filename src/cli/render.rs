@@ -57,7 +57,10 @@ fn render(args: &RenderArgs, verbosity: Verbosity) -> Result<Verdict> {
         return host::pool(threads)?.install(|| replay::run(&request, pixel_path));
     }
     let mut paths = Paths::default();
-    [&args.output, &request.preview, &request.stats].into_iter().flatten().for_each(|path| atomic::named(path));
+    // A name that the part's number completes is not the command line's.
+    if !args.part_flag.is_some_and(|flag| flag.is_auto) {
+        [&args.output, &request.preview, &request.stats].into_iter().flatten().for_each(|path| atomic::named(path));
+    }
     atomic::confine(&[]);
     args.path_mapping.iter().try_for_each(|path| paths.reads("--path-mapping", path))?;
     request.declare("", &mut paths)?;

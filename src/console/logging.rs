@@ -113,23 +113,41 @@ fn line(level: Level, text: &str) {
         Some(Format::Json) => {
             let mut now = String::new();
             let _ = SystemTime.format_time(&mut Writer::new(&mut now));
-            json!({ "timestamp": now, "level": level.as_str(), "message": text }).to_string()
+            escaped_json(&json!({ "timestamp": now, "level": level.as_str(), "message": text }).to_string())
         }
         _ => writers::message(&escaped(text)),
     };
     writers::write(format!("{text}\n").into_bytes());
 }
 
-/// Escapes control characters except newlines and tabs, and those that change the direction of the text around them (Unicode
-/// Standard Annex 9): a terminal would show other words than those that are there.
+/// Does a character change the direction of the text around it (Unicode Standard Annex 9)? A terminal would show other words than
+/// those that are there.
+fn turns(c: char) -> bool {
+    matches!(c, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+}
+
+fn replaced(text: &str, is_escaped: impl Fn(char) -> bool, escape: impl Fn(char) -> String) -> String {
+    text.chars().fold(String::with_capacity(text.len()), |all, c| {
+        if is_escaped(c) { all + &escape(c) } else { all + &*c.encode_utf8(&mut [0; 4]) }
+    })
+}
+
+/// Escapes control characters except newlines and tabs, and those that turn the text around them.
 pub fn escaped(text: &str) -> String {
-    let turns =
-        |c| matches!(c, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
-    let control = |c: char| (c.is_control() && c != '\n' && c != '\t') || turns(c);
-    if !text.contains(control) {
-        return text.into();
+    replaced(text, |c| (c.is_control() && c != '\n' && c != '\t') || turns(c), |c| c.escape_default().to_string())
+}
+
+/// Escapes in a line of the log, in which control characters are escaped or our own, what turns the text around it.
+pub(super) fn escaped_line(line: &str) -> String {
+    match FORMAT.get() {
+        Some(Format::Json) => escaped_json(line),
+        _ => replaced(line, turns, |c| c.escape_default().to_string()),
     }
-    text.chars().map(|c| if control(c) { c.escape_default().to_string() } else { c.into() }).collect()
+}
+
+/// The same JSON, with such characters, which only its strings have, and control characters as its own escapes.
+pub fn escaped_json(json: &str) -> String {
+    replaced(json, |c| (c.is_control() && c > '\u{1f}') || turns(c), |c| format!("\\u{:04x}", u32::from(c)))
 }
 
 #[cfg(test)]
@@ -142,6 +160,10 @@ mod tests {
         assert_eq!(escaped("\u{1b}[2J\r\u{85}é"), "\\u{1b}[2J\\r\\u{85}é");
         assert_eq!(escaped("a\u{202e}glb.\u{2066}b\u{200f}"), "a\\u{202e}glb.\\u{2066}b\\u{200f}");
         assert_eq!(escaped("مرحبا"), "مرحبا");
+        let value = json!({ "مرحبا": "a\u{202e}b\u{9b}\u{7f}\u{200f}\u{1b}\n" });
+        let text = escaped_json(&serde_json::to_string_pretty(&value).unwrap());
+        assert!(!text.contains(|c: char| turns(c) || c.is_control() && c != '\n') && text.contains("مرحبا"), "{text}");
+        assert_eq!(serde_json::from_str::<serde_json::Value>(&text).unwrap(), value);
     }
 
     #[test]

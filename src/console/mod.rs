@@ -26,8 +26,8 @@ use clap::Parser;
 use crate::film::atomic;
 use crate::{Error, Result};
 pub use args::Size;
-pub use logging::escaped;
 pub use logging::{Format as LogFormat, Verbosity, say};
+pub use logging::{escaped, escaped_json};
 pub use paths::Paths;
 pub use progress::Reporter;
 pub use signals::Signals;
@@ -113,6 +113,6 @@ fn print_unescaped(text: &str) -> Result<()> {
 /// # Errors
 /// Those of [`print()`]; [`Error::Bug`] if the value cannot be serialised.
 pub fn print_json(value: &impl serde::Serialize) -> Result<()> {
-    // JSON has its own escapes.
-    print_unescaped(&serde_json::to_string_pretty(value).map_err(|e| Error::Bug(format!("JSON: {e}")))?)
+    let text = serde_json::to_string_pretty(value).map_err(|e| Error::Bug(format!("JSON: {e}")))?;
+    print_unescaped(&escaped_json(&text))
 }

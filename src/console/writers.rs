@@ -6,6 +6,7 @@ use std::sync::mpsc::{Sender, SyncSender, channel, sync_channel};
 use std::thread;
 use std::time::Duration;
 
+use super::logging::escaped_line;
 use super::screen::write_now;
 
 enum Request {
@@ -63,7 +64,8 @@ pub struct Above;
 impl Write for Above {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         let text = String::from_utf8_lossy(bytes);
-        write((message(text.strip_suffix('\n').unwrap_or(&text)) + "\n").into_bytes());
+        let text = message(text.strip_suffix('\n').unwrap_or(&text));
+        write((escaped_line(&text) + "\n").into_bytes());
         Ok(bytes.len())
     }
 

@@ -73,6 +73,19 @@ pub fn triangle() -> Vec<u8> {
     }))
 }
 
+/// A triangle with the picture `t.png`, a file beside it.
+pub fn pictured() -> Vec<u8> {
+    let mut data = Data::default();
+    data.floats(&[-1.0, -1.0, 0.0, 1.0, -1.0, 0.0, 0.0, 1.0, 0.0], "VEC3");
+    data.floats(&[0.0; 6], "VEC2");
+    data.file(json!({
+        "asset": { "version": "2.0" }, "scene": 0, "scenes": [{ "nodes": [0] }], "nodes": [{ "mesh": 0 }],
+        "images": [{ "uri": "t.png" }], "textures": [{ "source": 0 }],
+        "materials": [{ "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 } } }],
+        "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0, "TEXCOORD_0": 1 }, "material": 0 }] }],
+    }))
+}
+
 /// A textured triangle that stands still, one that moves, one that changes its form and colour; camera `a` moves, `b` does
 /// not. Each for a second, on lines.
 pub fn moving() -> Vec<u8> {

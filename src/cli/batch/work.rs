@@ -18,7 +18,7 @@ use crate::batch::queue::Cache;
 use crate::batch::report::{self, Report};
 use crate::batch::views;
 use crate::console::progress::Style;
-use crate::console::{Paths, Signals, Verbosity, Verdict, host, print, say};
+use crate::console::{Paths, Signals, Verbosity, Verdict, escaped_json, host, print, say};
 use crate::farm::slurm::quoted;
 use crate::film::atomic;
 use crate::job::{Inputs, RenderRequest, Session, write_json};
@@ -207,7 +207,7 @@ impl Events {
         event["seconds_since_start"] = json!(self.began.elapsed().as_secs_f64());
         let mut to = to.lock().unwrap_or_else(PoisonError::into_inner);
         // Jobs are rendered all the same, and a reader that has gone away is no failure.
-        if let Err(e) = writeln!(to, "{event}").and_then(|()| to.flush())
+        if let Err(e) = writeln!(to, "{}", escaped_json(&event.to_string())).and_then(|()| to.flush())
             && e.kind() != ErrorKind::BrokenPipe
         {
             self.failed.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert_with(|| e.to_string());

@@ -62,6 +62,8 @@ pub struct Contents {
     pub file: String,
     /// BLAKE3 of what the file and those that it refers to say; hexadecimal.
     pub hash: String,
+    /// Could all of these files be read?
+    pub whole: bool,
     file_bytes: u64,
     /// Over the whole animation if one is played; `None` of a scene without a triangle.
     pub bounds: Option<Bounds>,
@@ -98,6 +100,7 @@ impl Contents {
         Self {
             file: summary.file,
             hash: survey.hash.clone(),
+            whole: survey.is_whole,
             file_bytes: summary.file_bytes,
             bounds: bounds.map(|[low, high]| Bounds {
                 low: (low + origin).to_array().map(decimal),

@@ -22,6 +22,8 @@ use crate::{Error, Result};
 const MAX_ON_SHEET: usize = 32;
 /// Depth of folders in folders.
 const MAX_DEPTH: usize = 16;
+/// Why a scene was not compared in full.
+const UNREAD: &str = "files that it names, which could not be read";
 /// Exit code if anything was left out: that of data that cannot be used.
 const LEFT_OUT: u8 = 65;
 
@@ -35,7 +37,7 @@ pub fn look(args: &LookArgs, folders: [&Path; 2], paths: &mut Paths, stop: &Atom
         return Err(Error::Usage("--page shows one pair of scenes, not two folders of them".into()));
     }
     let [(mut old, left), (mut new, left_new)] = [scenes(folders[0])?, scenes(folders[1])?];
-    let left_out: BTreeMap<PathBuf, &str> = left.into_iter().chain(left_new).collect();
+    let mut left_out: BTreeMap<PathBuf, &str> = left.into_iter().chain(left_new).collect();
     // What was left out on one side was neither added nor removed.
     let is_known = |name: &PathBuf| !name.ancestors().any(|part| left_out.contains_key(part));
     [&mut old, &mut new].into_iter().for_each(|names| names.retain(is_known));
@@ -50,7 +52,10 @@ pub fn look(args: &LookArgs, folders: [&Path; 2], paths: &mut Paths, stop: &Atom
     for name in new.difference(&old) {
         // What cannot be shown is no new scene.
         match Subject::open(args, &folders[1].join(name), paths) {
-            Ok(_) => added.push(name.display().to_string()),
+            Ok(subject) => {
+                added.push(name.display().to_string());
+                left_out.extend((!subject.contents.whole).then(|| (name.clone(), UNREAD)));
+            }
             Err(error) => {
                 lines.push(error.to_string());
                 codes.push(error.exit_code());
@@ -62,17 +67,14 @@ pub fn look(args: &LookArgs, folders: [&Path; 2], paths: &mut Paths, stop: &Atom
     for (what, names) in [("added", &added), ("removed", &removed)] {
         lines.extend(names.iter().map(|name| format!("{name}: {what}")));
     }
-    for (name, why) in &left_out {
-        lines.push(format!("{}: left out: {why}", name.display()));
-        codes.push(LEFT_OUT);
-    }
-    for name in old.intersection(&new) {
-        let pair = folders.map(|folder| folder.join(name));
-        let name = name.display().to_string();
+    for path in old.intersection(&new) {
+        let pair = folders.map(|folder| folder.join(path));
+        let name = path.display().to_string();
         let mut looked = || -> Result<Option<Pair>> {
-            // Their files say the same.
-            let hash = |scene: &Path| SceneFiles::open(scene).map(|files| files.survey().hash);
-            if hash(&pair[0])? == hash(&pair[1])? {
+            // Their files say the same, as far as all could be read.
+            let survey = |scene: &Path| SceneFiles::open(scene).map(|files| files.survey());
+            let [old, new] = [survey(&pair[0])?, survey(&pair[1])?];
+            if old.is_whole && new.is_whole && old.hash == new.hash {
                 return Ok(None);
             }
             Pair::look(args, [&pair[0], &pair[1]], views, paths, stop).map(Some)
@@ -86,6 +88,8 @@ pub fn look(args: &LookArgs, folders: [&Path; 2], paths: &mut Paths, stop: &Atom
                 }
                 codes.extend((!pair.failures.is_empty()).then_some(1));
                 let mut report = pair.report;
+                let is_whole = ["old", "new"].iter().all(|side| report[side]["whole"] == true);
+                left_out.extend((!is_whole).then(|| (path.clone(), UNREAD)));
                 report["name"] = json!(name);
                 changed.push(report);
             }
@@ -96,6 +100,10 @@ pub fn look(args: &LookArgs, folders: [&Path; 2], paths: &mut Paths, stop: &Atom
                 failed.push(failure(&name, &error));
             }
         }
+    }
+    for (name, why) in &left_out {
+        lines.push(format!("{}: left out: {why}", name.display()));
+        codes.push(LEFT_OUT);
     }
     let counts = [("added", added.len()), ("removed", removed.len()), ("changed", changed.len())];
     let counts = counts.into_iter().chain([("unchanged", unchanged.len()), ("failed", failed.len())]);

@@ -101,7 +101,7 @@ impl Pair {
             view["equal"] = json!(is_equal);
             views.push(view);
         }
-        let same_files = old.contents.hash == new.contents.hash;
+        let same_files = old.contents.whole && new.contents.whole && old.contents.hash == new.contents.hash;
         let mut words = old.contents.differences(&new.contents);
         if words.is_empty() {
             let why = if same_files {

@@ -53,7 +53,7 @@ pub struct RenderArgs {
     /// outputs then hold K as #### or {frame:04} (docs/farm.md).
     #[arg(id = "part", long, value_parser = part_flag, value_name = "K/N|auto|auto/N", conflicts_with_all = ["time",
         "denoise"], help_heading = "Interruption and parts")]
-    part_flag: Option<PartFlag>,
+    pub part_flag: Option<PartFlag>,
     /// Path mapping rules of Open Job Description (pathmapping-1.0), applied to all paths of this command.
     #[arg(long, value_name = "FILE.json", help_heading = "Interruption and parts")]
     pub path_mapping: Option<PathBuf>,

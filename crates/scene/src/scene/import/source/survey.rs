@@ -19,6 +19,8 @@ pub struct Survey {
     pub hash: String,
     /// Paths of the files, the scene file first; none for what comes from standard input.
     pub files: Vec<PathBuf>,
+    /// Could all files be read that a scene of the document can show?
+    pub is_whole: bool,
     /// Size of these files in bytes.
     pub file_bytes: u64,
     /// Bytes that were read: all but those that no scene of the document can show.
@@ -38,7 +40,10 @@ impl Source {
     pub fn survey(&self) -> Survey {
         let Self { file_bytes, read_bytes, .. } = *self;
         let (hash, files) = (self.hash(), self.files.clone());
-        let mut survey = Survey { hash, files, file_bytes, read_bytes, ..Default::default() };
+        let pictures = self.images.iter().zip(&self.reach.images).filter(|(_, is_shown)| **is_shown);
+        let is_whole =
+            !self.buffers.iter().chain(pictures.map(|(data, _)| data)).any(|data| matches!(data, Some(Err(_))));
+        let mut survey = Survey { hash, files, is_whole, file_bytes, read_bytes, ..Default::default() };
         let shown = (0..self.reach.images.len()).filter(|&i| self.reach.images[i]);
         for (kept, while_decoding) in shown.map(|i| decoded_bytes(&self.image_bytes(i))) {
             survey.image_bytes = survey.image_bytes.saturating_add(kept).min(MOST_BYTES);
