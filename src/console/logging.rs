@@ -60,7 +60,7 @@ pub fn start(verbosity: Verbosity) {
     let (with_time, with_module) =
         (verbosity.verbose > 0 || rust_log.is_some(), verbosity.verbose > 1 || rust_log.is_some());
     let lines = tracing_subscriber::fmt::layer()
-        .with_writer(|| writers::Above)
+        .with_writer(|| Above)
         .with_ansi(io::stderr().is_terminal() && verbosity.log == Format::Text)
         .with_target(with_module)
         .log_internal_errors(false);
@@ -137,11 +137,24 @@ pub fn escaped(text: &str) -> String {
     replaced(text, |c| (c.is_control() && c != '\n' && c != '\t') || turns(c), |c| c.escape_default().to_string())
 }
 
-/// Escapes in a line of the log, in which control characters are escaped or our own, what turns the text around it.
-pub(super) fn escaped_line(line: &str) -> String {
-    match FORMAT.get() {
-        Some(Format::Json) => escaped_json(line),
-        _ => replaced(line, turns, |c| c.escape_default().to_string()),
+/// Where the log's lines go, one at a time, above the bars.
+struct Above;
+
+impl io::Write for Above {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let text = String::from_utf8_lossy(bytes);
+        let text = writers::message(text.strip_suffix('\n').unwrap_or(&text));
+        // Control characters are escaped already, or our own.
+        let text = match FORMAT.get() {
+            Some(Format::Json) => escaped_json(&text),
+            _ => replaced(&text, turns, |c| c.escape_default().to_string()),
+        };
+        writers::write(format!("{text}\n").into_bytes());
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
     }
 }
 

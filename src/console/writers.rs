@@ -6,7 +6,6 @@ use std::sync::mpsc::{Sender, SyncSender, channel, sync_channel};
 use std::thread;
 use std::time::Duration;
 
-use super::logging::escaped_line;
 use super::screen::write_now;
 
 enum Request {
@@ -56,22 +55,6 @@ pub(super) fn message(text: &str) -> String {
     let mut lines = text.split('\n');
     let first = lines.next().unwrap_or_default().to_owned();
     lines.fold(first, |all, line| all + if line.starts_with(' ') { "\n" } else { "\\n" } + line)
-}
-
-/// A writer of messages, one at a time, that go above the bars.
-pub struct Above;
-
-impl Write for Above {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let text = String::from_utf8_lossy(bytes);
-        let text = message(text.strip_suffix('\n').unwrap_or(&text));
-        write((escaped_line(&text) + "\n").into_bytes());
-        Ok(bytes.len())
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        Ok(())
-    }
 }
 
 /// Queues a line of progress for standard output, in the order of the calls.
