@@ -26,7 +26,7 @@ OURS = ["cornell", "veach", "many-lights", "glossy-sun", *(f"study/{name}" for n
 NOON, SUNSET = ["--sunsky", "60,140"], ["--sunsky", "6,140"]
 MODELS = {"FlightHelmet/FlightHelmet.gltf": [], "MarbleTower/marbleTower.gltf": SUNSET, "house/house.glb": NOON,
           "usd_shader_ball/usd-shaderball-ball.glb": [], "webxr_camp/camp.gltf": NOON, "webxr_cave/cave.gltf": SUNSET}
-PUBLIC = ["modern_hall.glb", "veach_mis.glb", "spaceship.glb"]
+PUBLIC = {"modern hall": "modern_hall.glb", "VeachMIS": "veach_mis.glb", "spaceship": "spaceship.glb"}
 
 
 def scenes(models, public):
@@ -36,12 +36,12 @@ def scenes(models, public):
         return path, ["--env", str(sky)] if sky.exists() else []
     yield from ((Path(name).name, *with_sky(ROOT / f"scenes/{name}.glb")) for name in OURS)
     yield from ((Path(name).parent.name, models / name, flags) for name, flags in MODELS.items())
-    yield from ((Path(name).stem, *with_sky(public / name)) for name in PUBLIC)
+    yield from ((name, *with_sky(public / file)) for name, file in PUBLIC.items())
 
 
 def pictures(bismar, scene, flags, seeds):
-    """(beauty of every seed, least CPU seconds, mean rays, names of the techniques that the first seed uses)"""
-    beauty, seconds, rays, used = [], math.inf, 0, ""
+    """(beauty of every seed, least CPU seconds, mean rays, names of the techniques that pictures of all seeds use)"""
+    beauty, seconds, rays = [], math.inf, 0
     with tempfile.TemporaryDirectory() as folder:
         for seed in range(seeds):
             before = os.times()
@@ -52,7 +52,7 @@ def pictures(bismar, scene, flags, seeds):
             beauty.append(OpenImageIO.ImageBuf(f"{folder}/a.exr").get_pixels(OpenImageIO.FLOAT)[..., :3].astype(float))
             stats = json.loads(Path(f"{folder}/a.json").read_text())
             rays += stats["rays"]["total"] / seeds
-            used = used or ", ".join(name.replace("_", " ") for name, of in stats["techniques"].items() if of["on"])
+    used = ", ".join(name.replace("_", " ").replace("reuse", "re-use") for name, of in stats["techniques"].items() if of["on"])
     return numpy.array(beauty), seconds, rays, used or "none"
 
 
@@ -75,7 +75,7 @@ def main():
     parser.add_argument("--bismar", default=str(ROOT / "target/release/bismar"))
     parser.add_argument("names", nargs="*")
     args = parser.parse_args()
-    print("| scene | relMSE × CPU seconds | without the worst 1 % | relMSE × rays | what it chose (first seed) |\n| --- | --- | --- | --- | --- |")
+    print("| scene | relMSE × CPU seconds | without the worst 1 % | relMSE × rays | what it chose |\n| --- | --- | --- | --- | --- |")
     rows = {}
     for name, scene, flags in scenes(args.models, args.scenes):
         if not args.names or name in args.names:
