@@ -311,7 +311,7 @@ fn a_picture_is_there_whatever_its_denoiser_does() {
         ("abort.so", "abort();", "ended by signal 6"),
         ("fault.so", "*(volatile int *)0 = 1;", "ended by signal 11"),
         ("exit.so", "exit(3);", "exit status: 3"),
-        ("error.so", "code = 4; text = \"out of memory\";", "--denoise oidn: out of memory"),
+        ("error.so", "code = 4; text = \"out of memory\";", "Open Image Denoise: out of memory"),
     ] {
         let _ = fs::remove_file(path.join("a.exr"));
         let output = command(name, what).output().unwrap();

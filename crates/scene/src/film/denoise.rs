@@ -88,7 +88,7 @@ impl Denoiser {
             }
         }
         Err(Error::Host(format!(
-            "--denoise oidn: Open Image Denoise is not installed ({why}): `pip install pyoidn`, in an active virtual environment, \
+            "Open Image Denoise is not installed ({why}): `pip install pyoidn`, in an active virtual environment, \
              brings it; or unpack a release from https://github.com/RenderKit/oidn/releases and set {VARIABLE} to its \
              lib/libOpenImageDenoise.so.2"
         )))
@@ -98,7 +98,7 @@ impl Denoiser {
         // SAFETY: callers ask for functions of oidn.h with the types that it declares, unchanged since version 1.0 (image
         // and device functions) and 2.0 (`oidnSetFilterBool`, of the same type as its forerunner).
         let found = unsafe { self.library.get::<T>(name.to_bytes_with_nul()) };
-        found.map(|f| *f).map_err(|e| Error::Host(format!("--denoise oidn: this Open Image Denoise is too old: {e}")))
+        found.map(|f| *f).map_err(|e| Error::Host(format!("this Open Image Denoise is too old: {e}")))
     }
 
     /// Denoises a picture in this process; the result is linear RGB, row by row.
@@ -133,7 +133,7 @@ impl Denoiser {
         let error = unsafe {
             let device = new_device(CPU);
             if device.is_null() {
-                return Err(Error::Host("--denoise oidn: no device".into()));
+                return Err(Error::Host("Open Image Denoise has no device".into()));
             }
             commit_device(device);
             let filter = new_filter(device, c"RT".as_ptr());
@@ -165,7 +165,7 @@ impl Denoiser {
             release_device(device);
             error
         };
-        error.map_or(Ok(output), |why| Err(Error::Host(format!("--denoise oidn: {why}"))))
+        error.map_or(Ok(output), |why| Err(Error::Host(format!("Open Image Denoise: {why}"))))
     }
 }
 

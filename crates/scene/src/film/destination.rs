@@ -143,7 +143,7 @@ pub fn check_below(path: &Path, folders: &[PathBuf]) -> Result<()> {
     let place = place_of(path);
     if !folders.is_empty() && !folders.iter().any(|folder| place.starts_with(place_of(folder))) {
         return refused(format!(
-            "it lies outside of {}, where outputs may be; --root DIR names another folder",
+            "it lies outside of {}, where outputs may be; name another root folder",
             folders[0].display()
         ));
     }

@@ -82,8 +82,7 @@ impl ObvhsRays {
         let start = Instant::now();
         check(&scene)?;
         if scene.moves() {
-            let why =
-                "--rays obvhs does not support motion while the shutter is open: use --rays embree, or omit --shutter";
+            let why = "obvhs does not support motion while the shutter is open: use Embree, or no shutter";
             return Err(Error::Usage(why.into()));
         }
         let units = build_units(&scene) as f64;

@@ -132,11 +132,11 @@ pub fn environment(path: &Path, rotation_degrees: f32, strength: f32) -> Result<
 
 fn check_flags(rotation_degrees: f32, strength: f32) -> Result<()> {
     if !rotation_degrees.is_finite() {
-        return Err(Error::Usage(format!("--env-rotate {rotation_degrees}: wanted degrees as a finite number")));
+        return Err(Error::Usage(format!("environment rotation {rotation_degrees}: wanted degrees as a finite number")));
     }
     let most = Environment::MAX_STRENGTH;
     if !(0.0..=most).contains(&strength) {
-        return Err(Error::Usage(format!("--env-strength {strength}: wanted a number from 0 to {most:e}")));
+        return Err(Error::Usage(format!("environment strength {strength}: wanted a number from 0 to {most:e}")));
     }
     Ok(())
 }

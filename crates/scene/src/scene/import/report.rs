@@ -103,7 +103,7 @@ impl ImportReport {
             lines.push(format!("\n  and {} more", inexact.len() - MAX_LISTED));
         }
         Err(Error::Data(format!(
-            "--strict: this scene cannot be shown exactly:{}\n  without --strict it is rendered with these differences",
+            "strict: this scene cannot be shown exactly:{}\n  without strict it is rendered with these differences",
             lines.concat()
         )))
     }

@@ -151,7 +151,7 @@ impl PathLog {
             let kind = at.transport.materials.mesh_material(mesh);
             segment.ends = match () {
                 () if kind.unlit => Some("an unlit surface"),
-                () if !rays.history(row).scatters(at.transport, at.depth) => Some("--max-depth"),
+                () if !rays.history(row).scatters(at.transport, at.depth) => Some("the largest depth"),
                 () => kind.black.then_some("a black surface"),
             };
         }

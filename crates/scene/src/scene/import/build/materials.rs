@@ -60,7 +60,7 @@ fn resolve(
         notes.approximated(&from.at, text);
     }
     if material.transmits() {
-        let text = "light passes through; shadow rays pass thin smooth glass alone, and smooth bodies by --glass-shadows: behind \
+        let text = "light passes through; shadow rays pass thin smooth glass alone, and smooth bodies by glass shadows: behind \
                     other glass, punctual lights do not shine";
         notes.convention(&from.at, text);
     }
@@ -69,7 +69,7 @@ fn resolve(
         notes.not_loaded(&format!("{}.occlusionTexture", from.at), text);
     }
     if !material.double_sided {
-        let text = "doubleSided is false: the camera does not see back faces (--back-faces show); other light does";
+        let text = "doubleSided is false: the camera does not see back faces (unless back faces are shown); other light does";
         notes.convention(&from.at, text);
     }
     Ok(material)

@@ -20,11 +20,11 @@ pub fn note_document(document: &Document, variant: bool, posed: bool, notes: &mu
         }
     }
     if document.animations.len() > 0 && !posed {
-        let text = "animations are not played: the scene is shown at rest (--pose and --frame show other times)";
+        let text = "animations are not played: the scene is shown at rest (a pose or a frame shows another time)";
         notes.approximated("animations", text);
     }
     if !document.variants.is_empty() && !variant {
-        let text = "material variants: the default materials are shown (--variant chooses others)";
+        let text = "material variants: the default materials are shown (name a variant for others)";
         notes.convention("extensions.KHR_materials_variants", text);
     }
     match document.scenes.len() {

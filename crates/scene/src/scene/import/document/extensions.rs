@@ -64,7 +64,7 @@ pub fn support(name: &str) -> Support {
         // Those of vendors.
         _ if name.to_ascii_lowercase().contains("metadata") => NoEffect,
         SPLATS => Ignored("splats are not shown"),
-        "EXT_lights_image_based" => Ignored("the file's own environment is not read: give one with --env"),
+        "EXT_lights_image_based" => Ignored("the file's own environment is not read: give one of your own"),
         _ => Ignored("not known to this renderer"),
     }
 }
