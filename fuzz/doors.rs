@@ -188,7 +188,6 @@ pub fn statistics(_: &Path, bytes: &[u8]) -> bool {
     unpack(bytes).is_some()
 }
 
-/// A batch file.
 pub fn batch(folder: &Path, bytes: &[u8]) -> bool {
     let flags = [
         ("spp", Flag::Value),

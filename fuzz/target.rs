@@ -1,20 +1,18 @@
-//! What all targets are but for their door.
+//! Every target of libFuzzer: it goes through the door of its name.
+#![no_main]
 
-#[path = "doors.rs"]
-pub mod doors;
+mod doors;
 
-/// A target of libFuzzer that goes through a door by its name.
-macro_rules! target {
-    ($door:ident) => {
-        libfuzzer_sys::fuzz_target!(
-            init: crate::target::prepare(),
-            |bytes: &[u8]| { crate::target::doors::$door(&crate::target::folder(), bytes); }
-        );
-    };
-}
+libfuzzer_sys::fuzz_target!(
+    init: prepare(),
+    |bytes: &[u8]| {
+        let door = doors::DOORS.iter().find(|(name, _)| *name == env!("CARGO_BIN_NAME"));
+        door.expect("a door of this name").1(&folder(), bytes);
+    }
+);
 
 /// libFuzzer ends at every panic; those of decoders that are caught are not counted.
-pub fn prepare() {
+fn prepare() {
     let end = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |info| {
         if !bismar::guard::is_decoding() {
@@ -25,6 +23,6 @@ pub fn prepare() {
 }
 
 /// For a process's own files.
-pub fn folder() -> std::path::PathBuf {
+fn folder() -> std::path::PathBuf {
     std::env::temp_dir().join(format!("bismar-fuzz-{}", std::process::id()))
 }

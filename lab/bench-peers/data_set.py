@@ -86,6 +86,8 @@ def by_mitsuba(opt, number, path):
 
     if mi.variant() is None:
         mi.set_variant("llvm_ad_rgb")
+    from mitsuba_scene import mesh, rgb
+
     path_integrator = {"type": "path", "max_depth": opt.depth, "rr_depth": 1000}
     scene = {
         "type": "scene",
@@ -93,15 +95,7 @@ def by_mitsuba(opt, number, path):
         "sky": {"type": "constant", "radiance": 1.0},
     }
     for part, (points, triangles, color) in enumerate(parts(number)):
-        properties = mi.Properties()
-        reflectance = {"type": "rgb", "value": [float(c) for c in color]}
-        properties["bsdf"] = mi.load_dict({"type": "diffuse", "reflectance": reflectance})
-        properties["face_normals"] = True
-        mesh = mi.Mesh(f"part {part}", len(points), len(triangles), props=properties)
-        values = mi.traverse(mesh)
-        values["vertex_positions"], values["faces"] = points.ravel(), triangles.ravel()
-        values.update()
-        scene[f"part{part}"] = mesh
+        scene[f"part{part}"] = mesh(points, triangles, {"type": "diffuse", "reflectance": rgb(color)})
     scene = mi.load_dict(scene)
     film = {"type": "hdrfilm", "width": opt.size, "height": opt.size, "rfilter": {"type": "box"}, "pixel_format": "rgb"}
     turned = np.diag([-1.0, 1, -1, 1])  # Mitsuba's cameras look along +z

@@ -1,6 +1,0 @@
-#![no_main]
-
-#[path = "../target.rs"]
-#[macro_use]
-mod target;
-target!(picture);
