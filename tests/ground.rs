@@ -15,7 +15,6 @@ use crate::helpers::stage::{Stage, area_light, closed_box, lambert, look, punctu
 use crate::helpers::statistics::{Mean, z_limit};
 use crate::thin_walls::pane;
 
-/// Lights of a test.
 #[derive(Debug, Clone, Copy)]
 enum Lights {
     Environment,

@@ -62,7 +62,6 @@ fn crates() -> impl Iterator<Item = &'static str> {
     SOURCES.into_iter().chain(["study/src", "python/src"])
 }
 
-/// Those of all rooms.
 fn sources() -> Vec<(String, String)> {
     let all: Vec<_> = SOURCES.into_iter().flat_map(files).collect();
     assert!(all.len() > 50, "{} source files", all.len());

@@ -178,7 +178,6 @@ fn area_lights(double_sided: bool) -> Scene {
     scene
 }
 
-/// World-space corners of a triangle.
 fn corners(scene: &Scene, Primitive { instance, mesh, prim }: Primitive) -> [Vec3; 3] {
     let mesh = &scene.meshes[mesh as usize];
     let place = |p| scene.instances[instance as usize].transform.map_or(p, |t| t.transform_point3(p));

@@ -18,7 +18,6 @@ use glam::Vec3;
 use crate::helpers::stage::{Stage, glass_hall, globe_hall, hall, moving_hall, pool, punctual};
 use crate::oracle;
 
-/// Keeps each path's radiance.
 #[derive(Default)]
 struct Radiance(Vec<Vec3>);
 

@@ -102,7 +102,6 @@ impl Slurm {
         self.folder.join("slurm.conf")
     }
 
-    /// A client command's output.
     fn ask(&self, line: &str) -> String {
         let mut words = line.split(' ');
         let mut command = Command::new(words.next().unwrap());

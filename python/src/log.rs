@@ -50,9 +50,7 @@ pub fn start() {
 }
 
 /// Hands the collected events to `logging.getLogger("bismar")`.
-///
-/// # Errors
-/// The exception of a handler.
+/// Errors: The exception of a handler.
 pub fn deliver(py: Python) -> PyResult<()> {
     let events = take(&mut *EVENTS.lock().unwrap_or_else(PoisonError::into_inner));
     if events.is_empty() {

@@ -104,9 +104,7 @@ pub fn work<T: Send>(py: Python, on: Option<&ThreadPool>, work: impl FnOnce() ->
 }
 
 /// Does work that needs no pool without the lock: a thread that holds it stops all of Python.
-///
-/// # Errors
-/// Those of [`work`].
+/// Errors: Those of [`work`].
 pub fn unlocked<T: Send>(py: Python, work: impl FnOnce() -> Result<T> + Send) -> PyResult<T> {
     py.detach(|| guarded(work)).map_err(|error| errors::raise(py, &error))
 }
@@ -175,7 +173,6 @@ pub fn stoppable<T: Send>(
     (result, exception)
 }
 
-/// A value as JSON.
 pub fn json(value: &impl serde::Serialize) -> bismar::Result<String> {
     serde_json::to_string(value).map_err(|e| bismar::Error::Bug(format!("JSON: {e}")))
 }

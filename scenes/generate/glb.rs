@@ -48,7 +48,6 @@ impl Material {
     }
 }
 
-/// Where a node is.
 #[derive(Clone, Copy)]
 pub struct Placement {
     pub translation: DVec3,
@@ -241,7 +240,6 @@ impl Glb {
         }));
     }
 
-    /// The finished file.
     pub fn finish(mut self) -> Vec<u8> {
         self.bin.resize(self.bin.len().next_multiple_of(4), 0);
         let mut root = json!({

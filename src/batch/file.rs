@@ -37,9 +37,7 @@ pub struct JobText {
 }
 
 /// Reads a batch file; `flags` are the keys that it may hold.
-///
-/// # Errors
-/// [`Error::Config`] with line and column; [`Error::reading`].
+/// Errors: [`Error::Config`] with line and column; [`Error::reading`].
 pub fn read(path: &Path, flags: &HashMap<String, Flag>) -> Result<Vec<JobText>> {
     let text = String::from_utf8(read_text(path)?);
     let text = text.map_err(|_| Error::Config(format!("{}: not UTF-8 text", path.display())))?;
@@ -209,10 +207,7 @@ impl Reader<'_> {
 }
 
 /// Splits sequences into one job per picture. No two have one name, or write one file.
-///
-/// # Errors
-/// What is wrong, and where.
-pub fn split_all(jobs: &[Job]) -> FileResult<Vec<Job>> {
+pub(crate) fn split_all(jobs: &[Job]) -> FileResult<Vec<Job>> {
     let mut all = Vec::new();
     for job in jobs {
         all.extend(split(job).map_err(|(key, why)| (job.location.of_key(&key), why))?);

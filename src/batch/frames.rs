@@ -18,7 +18,6 @@ const MAX_FRAMES: usize = 100_000;
 const MAX_FRAME_NUMBER: u32 = 9_999_999;
 
 impl Frames {
-    /// Frame numbers.
     pub fn numbers(&self) -> &[u32] {
         &self.0
     }
@@ -29,7 +28,7 @@ impl Frames {
     }
 
     /// Text of frame numbers as ranges, with `by` before a step other than 1.
-    pub fn text_of(numbers: &[u32], by: char) -> String {
+    pub(crate) fn text_of(numbers: &[u32], by: char) -> String {
         let range = |[first, last, step]: [u32; 3]| match (first == last, step) {
             (true, _) => first.to_string(),
             (false, 1) => format!("{first}-{last}"),
@@ -120,7 +119,6 @@ impl TryFrom<String> for Frames {
 /// What makes a job many pictures.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Sequence {
-    /// Frames of an animation.
     Frames(Frames),
     /// This number of views around the scene.
     Turntable(u32),

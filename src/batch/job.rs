@@ -20,7 +20,6 @@ pub struct Job {
     /// What makes it many pictures.
     #[serde(skip)]
     pub sequence: Option<Sequence>,
-    /// Location in the batch file.
     #[serde(skip)]
     pub location: SourceLocation,
     /// Is it one of many views, whose cameras are written beside the pictures ([`views`](super::views))?
@@ -43,9 +42,6 @@ pub struct SourceLocation {
 impl Job {
     /// The job with a number in its name and in those of its files. `all` says what is numbered; names of files need no
     /// place for the number if there is a `single` one.
-    ///
-    /// # Errors
-    /// A key and what is wrong with it.
     pub(super) fn numbered(&self, number: u32, all: &str, single: bool) -> Result<Self, (String, String)> {
         let of = |key: &str, file: &Path| {
             let why = "write their number as #### or {frame:04}";

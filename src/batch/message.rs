@@ -19,9 +19,7 @@ pub struct JobMessage {
     pub written: Vec<OsString>,
     /// Folders below which outputs may lie.
     pub folders: Vec<PathBuf>,
-    /// Number of jobs at the same time.
     pub at_once: usize,
-    /// Threads per job.
     pub threads: usize,
 }
 
@@ -29,17 +27,14 @@ pub struct JobMessage {
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Message {
-    /// A job begins.
     Begins(usize),
     /// A job has made progress.
     #[serde(rename = "goes")]
     Progress(usize, Progress),
-    /// A job has ended.
     Ends(usize, Box<Ended>),
 }
 
 impl Message {
-    /// Index of the job.
     pub fn job(&self) -> usize {
         match self {
             Message::Begins(job) | Message::Progress(job, _) | Message::Ends(job, _) => *job,
@@ -47,10 +42,8 @@ impl Message {
     }
 }
 
-/// Result of a job.
 #[derive(Debug, Serialize, Deserialize)]
 pub struct Ended {
-    /// Entry of the report.
     pub entry: Entry,
     /// Line of text for the terminal, if any.
     pub line: Option<String>,

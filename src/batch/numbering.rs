@@ -43,18 +43,18 @@ fn numbered_bytes(name: &[u8], frame: u32) -> Option<Vec<u8>> {
 
 /// The name with the frame number in place of every `{frame:04}` and of the last run of `#`; `None` if it has no
 /// placeholder.
-pub fn numbered_name(name: &str, frame: u32) -> Option<String> {
+pub(crate) fn numbered_name(name: &str, frame: u32) -> Option<String> {
     numbered_bytes(name.as_bytes(), frame).and_then(|bytes| String::from_utf8(bytes).ok())
 }
 
 /// The path with the frame number in its file name (see [`numbered_name`]); folders have no placeholders.
-pub fn numbered(path: &Path, frame: u32) -> Option<PathBuf> {
+pub(crate) fn numbered(path: &Path, frame: u32) -> Option<PathBuf> {
     let name = numbered_bytes(path.file_name()?.as_bytes(), frame)?;
     Some(path.with_file_name(OsString::from_vec(name)))
 }
 
 /// The frame number that `name` has where `pattern` has its placeholder.
-pub fn number_of(pattern: &Path, name: &Path) -> Option<u32> {
+fn number_of(pattern: &Path, name: &Path) -> Option<u32> {
     let (start, bytes) = (placeholder(pattern.file_name()?.as_bytes())?.0.start, name.file_name()?.as_bytes());
     let digits = bytes.get(start..)?.iter().take_while(|b| b.is_ascii_digit()).count();
     // Digits may follow the placeholder: the longest number that gives this name is the frame.
@@ -63,9 +63,7 @@ pub fn number_of(pattern: &Path, name: &Path) -> Option<u32> {
 }
 
 /// Numbers of the frames whose files exist, ascending.
-///
-/// # Errors
-/// [`Error::reading`] of the folder.
+/// Errors: [`Error::reading`] of the folder.
 pub fn present(pattern: &Path) -> Result<Vec<u32>, Error> {
     let folder = folder_of(pattern);
     let entries = fs::read_dir(folder).map_err(|e| Error::reading(folder, &e))?;
@@ -76,7 +74,7 @@ pub fn present(pattern: &Path) -> Result<Vec<u32>, Error> {
 }
 
 /// The name with a placeholder for the frame number, appended if it has none.
-pub fn with_placeholder(name: String) -> String {
+pub(crate) fn with_placeholder(name: String) -> String {
     if placeholder(name.as_bytes()).is_some() { name } else { name + ".####" }
 }
 

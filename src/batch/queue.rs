@@ -43,9 +43,6 @@ impl<V> Cache<V> {
 
     /// The value of a key, made by `make` if necessary; other jobs that need it wait. After a failure the next job tries
     /// again.
-    ///
-    /// # Errors
-    /// Those of `make`.
     pub fn get<E>(&self, key: &str, make: impl FnOnce() -> Result<V, E>) -> Result<Arc<V>, E> {
         let Some(slot) = self.slots.get(key) else { return make().map(Arc::new) };
         // A panic in `make` leaves the slot empty, which is a valid state.

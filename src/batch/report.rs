@@ -10,36 +10,29 @@ use serde_json::value::RawValue;
 use super::job::Job;
 use crate::scene::import::read_own;
 
-/// Result of a job.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Status {
-    /// Rendered.
     Done,
     /// Finished before this command.
     Before,
-    /// Ended with an error.
     Failed,
     /// Stopped by a signal; the picture so far is saved.
     Interrupted,
-    /// Not begun.
     Pending,
 }
 
 /// One job of the report.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Entry {
-    /// Name of the job.
     pub job: String,
     /// Path of the scene, relative to the working directory of the command.
     pub scene: String,
     /// Path of the picture, relative to the working directory of the command.
     pub output: String,
-    /// Result.
     pub status: Status,
     /// Exit code that `bismar render` would have had.
     pub exit_code: u8,
-    /// Error message.
     pub error: Option<String>,
     /// Wall seconds of the render, loading included.
     pub seconds: f64,
@@ -49,7 +42,7 @@ pub struct Entry {
 
 impl Entry {
     /// Entry of a job that has not begun.
-    pub fn pending(job: &Job) -> Self {
+    pub(crate) fn pending(job: &Job) -> Self {
         Self {
             job: job.name.clone(),
             scene: job.request.scene.display().to_string(),
@@ -68,7 +61,7 @@ impl Entry {
     }
 
     /// Copies seconds and statistics from an earlier report, if that is about the same picture.
-    pub fn copy_earlier(&mut self, earlier: &Entry, paths: u32) {
+    pub(crate) fn copy_earlier(&mut self, earlier: &Entry, paths: u32) {
         let same = earlier.output == self.output
             && earlier.statistics().is_some_and(|stats| stats["samples"]["pixel_min"] == paths);
         if same {
@@ -87,7 +80,6 @@ pub fn earlier(path: &Path) -> HashMap<String, Entry> {
     report.into_iter().flat_map(|report| report.jobs).map(|entry| (entry.job.clone(), entry)).collect()
 }
 
-/// The whole report.
 #[derive(Debug, Clone, Serialize)]
 pub struct Report {
     schema: u32,

@@ -5,9 +5,6 @@ use super::job::Job;
 use super::views;
 
 /// Splits a sequence into one job per picture; returns other jobs unchanged.
-///
-/// # Errors
-/// A key and what is wrong with it.
 pub fn split(job: &Job) -> Result<Vec<Job>, (String, String)> {
     let one = |&frame: &u32| {
         let mut one = job.numbered(frame, "frames", false)?;

@@ -12,7 +12,6 @@ use super::job::Location;
 /// Kind of a flag in a batch file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Flag {
-    /// A value.
     Value,
     /// Several values with this separator; a list in the file.
     List(char),
@@ -22,7 +21,6 @@ pub enum Flag {
     Input,
     /// A switch: given or not.
     Switch,
-    /// A boolean value.
     Choice,
     /// A boolean value, which stands for on or off, or a word.
     Mode,
@@ -60,9 +58,7 @@ pub fn sorted<'a, 'b>(table: &'a DeTable<'b>) -> Vec<(&'a Spanned<Cow<'b, str>>,
 }
 
 /// The keys of a table. With `several`, as in a matrix, a list holds alternatives.
-///
-/// # Errors
-/// A value that the flag does not take.
+/// Errors: A value that the flag does not take.
 pub fn settings(reader: &Reader, table: &DeTable, several: bool) -> FileResult<Vec<Setting>> {
     sorted(table).into_iter().map(|(key, value)| setting(reader, key, value, several)).collect()
 }

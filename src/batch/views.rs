@@ -23,9 +23,7 @@ use crate::{Error, Result};
 
 /// Name of the file with the cameras of a data set, in the folder of its pictures.
 pub const FILE: &str = "transforms.json";
-/// Largest number of views of a turntable.
-pub const MAX_VIEWS: u32 = 100_000;
-/// The first view of a turntable.
+pub(crate) const MAX_VIEWS: u32 = 100_000;
 const FIRST_ORBIT: Orbit = Orbit { azimuth: 0.0, elevation: 20.0, distance: 1.0 };
 
 /// Camera model of panoramas, as nerfstudio names it.
@@ -83,7 +81,6 @@ struct Views {
 pub struct FileCamera {
     /// The camera, named by its picture's file without folder and extension, else by its index.
     pub camera: PlacedCamera,
-    /// Width and height in pixels.
     pub size: Option<[u32; 2]>,
 }
 
@@ -193,9 +190,7 @@ impl Intrinsics {
 }
 
 /// Reads the cameras of a file.
-///
-/// # Errors
-/// [`Error::reading`]; [`Error::Data`] for a file that is no such JSON, and for cameras that cannot be rendered.
+/// Errors: [`Error::reading`]; [`Error::Data`] for a file that is no such JSON, and for cameras that cannot be rendered.
 pub fn read(path: &Path) -> Result<Vec<FileCamera>> {
     let wrong = |why: String| Error::Data(format!("{}: {why}", path.display()));
     let bytes = read_text(path)?;
@@ -222,9 +217,6 @@ pub fn read(path: &Path) -> Result<Vec<FileCamera>> {
 }
 
 /// The field of view that a JSON object states by the names of a camera file; other names are ignored.
-///
-/// # Errors
-/// [`Error::Usage`].
 pub fn field_of_view(intrinsics: &str) -> Result<FieldOfView> {
     let intrinsics: Intrinsics = serde_json::from_str(intrinsics)
         .map_err(|e| Error::Usage(format!("no intrinsics as in transforms.json: {e}")))?;
@@ -232,18 +224,12 @@ pub fn field_of_view(intrinsics: &str) -> Result<FieldOfView> {
 }
 
 /// The intrinsics of a calibrated camera, as a JSON object with the names of a camera file.
-///
-/// # Errors
-/// None that is known: those of JSON.
 pub fn intrinsics(calibration: &Calibration) -> Result<String> {
     let whole = [0.0, 0.0, calibration.w, calibration.h];
     serde_json::to_string(&Intrinsics::of(calibration, whole)).map_err(|e| Error::Bug(e.to_string()))
 }
 
 /// The views of a turntable, numbered from 0, that begins with the orbit of the job.
-///
-/// # Errors
-/// A key and what is wrong with it.
 pub(super) fn turntable(job: &Job, count: u32) -> std::result::Result<Vec<Job>, (String, String)> {
     let first = job.request.orbit.unwrap_or(FIRST_ORBIT);
     let view = |k: u32| {
@@ -256,9 +242,6 @@ pub(super) fn turntable(job: &Job, count: u32) -> std::result::Result<Vec<Job>, 
 }
 
 /// The views of the cameras of a file, numbered from 0, or that of the camera of the job.
-///
-/// # Errors
-/// A key and what is wrong with it.
 pub(super) fn of_file(job: &Job, file: &Path) -> std::result::Result<Vec<Job>, (String, String)> {
     let err = |why: String| ("cameras".to_owned(), format!("`cameras`: {why}"));
     let same = |a: &Path, b: &Path| fs::canonicalize(a).is_ok_and(|a| fs::canonicalize(b).is_ok_and(|b| a == b));
@@ -285,9 +268,6 @@ pub(super) fn of_file(job: &Job, file: &Path) -> std::result::Result<Vec<Job>, (
 
 /// Writes the cameras of pictures into [`FILE`] in their folders, as their headers state them; pictures that are missing, of
 /// other programs, or of orthographic cameras are left out. Returns the number of pictures.
-///
-/// # Errors
-/// Those of [`atomic::write`].
 pub fn write<'a>(pictures: impl Iterator<Item = &'a Path>) -> Result<usize> {
     let pictures: Vec<&Path> = pictures.collect();
     let folders: BTreeSet<&Path> = pictures.iter().filter_map(|picture| picture.parent()).collect();
@@ -356,10 +336,8 @@ fn view_of(picture: &Path) -> Option<View> {
 
 /// The cosine of the angle between the view axis and the ray through the middle of each pixel of a picture, row by row: what
 /// makes depth along the axis of depth along the ray.
-///
-/// # Errors
-/// [`Error::Data`] for pictures of other programs, and of orthographic and panoramic cameras.
-pub fn axis_cosines(picture: &Path) -> Result<Vec<f32>> {
+/// Errors: [`Error::Data`] for pictures of other programs, and of orthographic and panoramic cameras.
+pub(crate) fn axis_cosines(picture: &Path) -> Result<Vec<f32>> {
     let wrong = |why: &str| Error::Data(format!("{}: no depth along the view axis: {why}", picture.display()));
     let view = view_of(picture).ok_or_else(|| wrong("its header has no perspective camera"))?;
     let fov = view.own.fov().map_err(|why| wrong(&why))?;

@@ -273,9 +273,7 @@ fn submit_to_slurm(args: &SubmitArgs, plan: &Plan) -> Result<Verdict> {
 }
 
 /// Checks that nobody works by the plan that the folder holds already, and keeps other submissions out.
-///
-/// # Errors
-/// [`Error::CannotCreate`] for a folder of another scene or batch file, or one whose tasks are queued or running.
+/// Errors: [`Error::CannotCreate`] for a folder of another scene or batch file, or one whose tasks are queued or running.
 fn check_folder(plan: &Plan) -> Result<Claim> {
     let (folder, path) = (plan.folder.display(), plan.folder.join(PLAN));
     create(&plan.folder)?;

@@ -20,27 +20,18 @@ use crate::film::{Exposure, atomic};
 use crate::job::{RenderedPicture, ViewOptions, value_of};
 
 /// `bismar merge`: parts of a picture, or pictures of different seeds.
-///
-/// # Errors
-/// Those of the command.
 pub fn merge(options: &Options, parts: &[PathBuf]) -> Result<()> {
     let args = parse::<MergeArgs>("merge", options, parts)?;
     atomic::command(|| super::merge::run(&args, QUIET).map(drop))
 }
 
 /// `bismar labels`: annotations, ids, depth and normals of pictures.
-///
-/// # Errors
-/// Those of the command.
 pub fn labels(options: &Options, pictures: &[PathBuf]) -> Result<()> {
     let args = parse::<LabelsArgs>("labels", options, pictures)?;
     atomic::command(|| super::labels::run(&args, QUIET).map(drop))
 }
 
 /// `bismar develop`: a picture file to PNG.
-///
-/// # Errors
-/// Those of the command.
 pub fn develop(options: &Options, input: &Path) -> Result<()> {
     let args = parse::<DevelopArgs>("develop", options, &[input])?;
     atomic::command(|| super::develop::run(&args, QUIET).map(drop))
@@ -48,9 +39,7 @@ pub fn develop(options: &Options, input: &Path) -> Result<()> {
 
 /// `bismar look`: a contact sheet of a scene, or of two, and what is in them; on the current rayon pool. Nothing is written, and
 /// `paths` gets the files that are read.
-///
-/// # Errors
-/// Those of the command; [`Error::Interrupted`](crate::Error::Interrupted) soon after `stop` is raised.
+/// Errors: Those of the command; [`Error::Interrupted`](crate::Error::Interrupted) soon after `stop` is raised.
 pub fn look(options: &Options, scenes: &[PathBuf], paths: &mut Paths, stop: &AtomicBool) -> Result<Looked> {
     scenes.iter().try_for_each(|scene| paths.reads("the scene", scene))?;
     super::look::look(&parse::<LookArgs>("look", options, scenes)?, paths, stop)
@@ -71,10 +60,6 @@ struct SaveArgs {
     colorspace: ColorSpace,
 }
 
-/// Saves a picture.
-///
-/// # Errors
-/// Those of [`RenderedPicture::save`], and wrong options.
 pub fn save(picture: &RenderedPicture, path: &Path, options: &Options) -> Result<()> {
     let SaveArgs { view, exposure, resumable, half, colorspace } = parse("save", options, &[] as &[&Path])?;
     picture.save(path, (view, exposure), resumable, (half, colorspace))

@@ -92,7 +92,6 @@ pub fn run(args: &InspectArgs) -> Result<Verdict> {
     Ok(Verdict::Done)
 }
 
-/// The JSON document.
 #[derive(Serialize)]
 struct Report<'a> {
     #[serde(flatten)]
@@ -111,7 +110,6 @@ struct Report<'a> {
     render_bytes: u64,
 }
 
-/// An environment map.
 #[derive(Serialize)]
 struct Map {
     file: String,

@@ -77,7 +77,6 @@ struct Annotation {
     category_id: usize,
     /// The id in the AOV: index + 1.
     instance_id: u32,
-    /// Name of the object or material.
     name: String,
     segmentation: RunLengths,
     area: usize,
@@ -172,7 +171,6 @@ pub fn run(args: &LabelsArgs, verbosity: Verbosity) -> Result<Verdict> {
     Ok(Verdict::Done)
 }
 
-/// The ids of a picture.
 struct Ids {
     /// Row by row.
     ids: Vec<u32>,

@@ -56,10 +56,8 @@ pub fn run(args: &LookArgs, verbosity: Verbosity) -> Result<Verdict> {
 }
 
 /// Looks at the scenes of a command, on the current rayon pool, and writes nothing.
-///
-/// # Errors
-/// [`Error::Usage`] for flags that do not fit the scenes; those of the import and of the build; [`Error::Host`] if memory does not
-/// suffice; [`Error::Interrupted`] soon after `stop` is raised.
+/// Errors: [`Error::Usage`] for flags that do not fit the scenes; those of the import and of the build; [`Error::Host`] if
+/// memory does not suffice; [`Error::Interrupted`] soon after `stop` is raised.
 pub fn look(args: &LookArgs, paths: &mut Paths, stop: &AtomicBool) -> Result<Looked> {
     args.check()?;
     match &args.scenes[..] {

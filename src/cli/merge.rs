@@ -88,7 +88,6 @@ impl MergeArgs {
     }
 }
 
-/// Merges one picture.
 fn one(args: &MergeArgs, verbosity: Verbosity) -> Result<Verdict> {
     let (mut paths, mut claims) = (Paths::default(), Vec::new());
     args.parts.iter().try_for_each(|part| paths.reads("the part", part))?;

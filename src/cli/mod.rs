@@ -65,7 +65,6 @@ enum Command {
     Options(OptionsArgs),
 }
 
-/// Runs the program with the process's arguments.
 pub fn run() -> ExitCode {
     if let Err(error) = study::help(std::env::args_os()) {
         return console::fail(&error);

@@ -16,9 +16,7 @@ use crate::{Error, Result};
 pub type Options = Map<String, Value>;
 
 /// Parses options as the command line does.
-///
-/// # Errors
-/// [`Error::Usage`], with the option's name.
+/// Errors: [`Error::Usage`], with the option's name.
 pub fn parse<T: Args>(name: &'static str, options: &Options, inputs: &[impl AsRef<OsStr>]) -> Result<T> {
     let command = T::augment_args(Command::new(name));
     let mut line = vec![name.into()];

@@ -34,9 +34,7 @@ pub fn read(
 }
 
 /// The request by options: names of flags without dashes, and their values.
-///
-/// # Errors
-/// [`Error::Usage`](crate::Error::Usage).
+/// Errors: [`Error::Usage`](crate::Error::Usage).
 pub fn request(scene: &Path, options: &Options) -> Result<RenderRequest> {
     parse::<RenderArgs>("render", options, &[scene])?.request()
 }

@@ -42,9 +42,7 @@ pub fn run(args: &SheetArgs, verbosity: Verbosity) -> Result<Verdict> {
 }
 
 /// The frames' files in order.
-///
-/// # Errors
-/// [`Error::Missing`] if there are none.
+/// Errors: [`Error::Missing`] if there are none.
 fn pictures(args: &SheetArgs) -> Result<Vec<PathBuf>> {
     let named = |frame: u32| numbered(&args.pictures, frame);
     if named(0).is_none() {
@@ -61,12 +59,9 @@ fn pictures(args: &SheetArgs) -> Result<Vec<PathBuf>> {
     Ok(numbers.into_iter().filter_map(named).collect())
 }
 
-/// Most thumbnails of a contact sheet.
 const MAX_THUMBNAILS: usize = 144;
-/// Width of a thumbnail in pixels.
 const THUMBNAIL_WIDTH: u32 = 240;
 
-/// Writes a contact sheet.
 fn write(pictures: &[PathBuf], path: &Path) -> Result<()> {
     let shown: Vec<&PathBuf> = match pictures.len() {
         all if all <= MAX_THUMBNAILS => pictures.iter().collect(),

@@ -20,9 +20,7 @@ pub struct StudyArgs {
 }
 
 /// Replaces this process, so that signals and the exit code are those of the study.
-///
-/// # Errors
-/// [`Error::Host`] if the program cannot be started.
+/// Errors: [`Error::Host`] if the program cannot be started.
 pub fn run(args: &StudyArgs, verbosity: Verbosity) -> Result<Verdict> {
     let verbosity_flags = if verbosity.quiet { vec!["-q"] } else { vec!["-v"; verbosity.verbose.into()] };
     let format = if verbosity.log == LogFormat::Json { vec!["--log=json"] } else { Vec::new() };
@@ -30,9 +28,7 @@ pub fn run(args: &StudyArgs, verbosity: Verbosity) -> Result<Verdict> {
 }
 
 /// Passes `bismar help study …` to the other program; returns for any other command line.
-///
-/// # Errors
-/// [`Error::Host`] if it cannot be started.
+/// Errors: [`Error::Host`] if it cannot be started.
 pub fn help(mut line: impl Iterator<Item = OsString>) -> Result<()> {
     if line.nth(1).is_some_and(|word| word == "help") && line.next().is_some_and(|word| word == "study") {
         return Err(become_study(["help".into()].into_iter().chain(line)));

@@ -9,7 +9,7 @@ use crate::render::settings::MAX_SIDE;
 
 /// The process's arguments. `--adaptive`, which may stand alone before a file, is joined with a choice that follows it: all
 /// choices are then written alike.
-pub fn command_line() -> Vec<OsString> {
+pub(crate) fn command_line() -> Vec<OsString> {
     joined(std::env::args_os())
 }
 
@@ -28,17 +28,11 @@ fn joined(args: impl IntoIterator<Item = OsString>) -> Vec<OsString> {
 }
 
 /// A number of threads, for `value_parser`.
-///
-/// # Errors
-/// Why it is invalid, for clap.
 pub fn threads(text: &str) -> Result<usize, String> {
     text.parse().ok().filter(|n| (1..=MAX_THREADS).contains(n)).ok_or("not a number from 1 to 4096".into())
 }
 
 /// A time above 0 in seconds, for `value_parser`: `90`, or with a unit, `90s`, `10m`, `1.5h`, `2d`.
-///
-/// # Errors
-/// Why it is invalid, for clap.
 pub fn seconds(text: &str) -> Result<f64, String> {
     let (number, unit) = match text.find(|c: char| c.is_ascii_alphabetic() && c != 'e' && c != 'E') {
         Some(at) => text.split_at(at),
@@ -51,26 +45,17 @@ pub fn seconds(text: &str) -> Result<f64, String> {
 }
 
 /// A time of 0 or more in seconds, for `value_parser`, with the units of [`seconds`].
-///
-/// # Errors
-/// Why it is invalid, for clap.
 pub fn wait(text: &str) -> Result<f64, String> {
     if text.trim().parse() == Ok(0.0) { Ok(0.0) } else { seconds(text) }
 }
 
 /// A finite number above 0.
-///
-/// # Errors
-/// Why it is invalid, for clap.
 pub fn positive(text: &str) -> Result<f64, String> {
     not_negative(text).ok().filter(|x| *x > 0.0).ok_or("not a number above 0".into())
 }
 
 /// A finite number of 0 or more.
-///
-/// # Errors
-/// Why it is invalid, for clap.
-pub fn not_negative(text: &str) -> Result<f64, String> {
+pub(crate) fn not_negative(text: &str) -> Result<f64, String> {
     text.parse().ok().filter(|x: &f64| *x >= 0.0 && x.is_finite()).ok_or("not a number of 0 or more".into())
 }
 

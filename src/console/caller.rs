@@ -18,7 +18,7 @@ const CALLER: &str = "BISMAR_CALLER";
 const CALL_FOLDER: &str = "BISMAR_CALL_FOLDER";
 
 /// Ends with the process that the npm package says, however that ends.
-pub fn end_with_caller() {
+pub(crate) fn end_with_caller() {
     // Others may inherit the variable.
     let caller = env::var(CALLER).ok().and_then(|pid| pid.parse().ok());
     if caller.is_some() && caller == getppid().map(|pid| pid.as_raw_nonzero().get()) {

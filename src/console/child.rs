@@ -15,7 +15,7 @@ use super::Signals;
 use crate::{Error, Result};
 
 /// A command that runs this program, even if its file has been replaced since it started.
-pub fn this_program() -> Command {
+pub(crate) fn this_program() -> Command {
     let mut command = Command::new("/proc/self/exe");
     command.arg0("bismar");
     command
@@ -24,9 +24,7 @@ pub fn this_program() -> Command {
 /// Runs a command that listens with [`Signals::from_parent`] until it ends, and forwards the first signal. `first` is written to its
 /// standard input; a command without one does not listen, and is ended by SIGTERM. `line` is called with each line of its standard
 /// output if that is piped, `often` at least every 30 ms.
-///
-/// # Errors
-/// [`Error::Host`] if it cannot be started or waited for.
+/// Errors: [`Error::Host`] if it cannot be started or waited for.
 pub fn lead(
     command: &mut Command,
     first: Option<&[u8]>,

@@ -38,9 +38,6 @@ pub struct OptionsArgs {}
 impl OptionsArgs {
     /// Prints them: of each command its flags; of each flag its name, its name in libraries (that of its alias, if it has one),
     /// its values and its help.
-    ///
-    /// # Errors
-    /// Those of [`print_json()`].
     pub fn run(&self, program: &Command) -> Result<Verdict> {
         let shown = |command: &&Command| !command.is_hide_set();
         let options = |command: &Command| command.get_arguments().filter_map(described).collect::<Value>();
@@ -73,9 +70,6 @@ fn described(arg: &Arg) -> Option<Value> {
 
 impl CompletionsArgs {
     /// Prints the completions of a program.
-    ///
-    /// # Errors
-    /// Those of [`print()`].
     pub fn run(&self, mut program: Command) -> Result<Verdict> {
         let (name, mut script) = (program.get_name().to_owned(), Vec::new());
         clap_complete::generate(self.shell, &mut program, name, &mut script);
@@ -86,9 +80,7 @@ impl CompletionsArgs {
 
 impl ManArgs {
     /// Writes the pages of a program and of all its commands.
-    ///
-    /// # Errors
-    /// [`Error::CannotCreate`] for the folder; those of [`atomic::write`].
+    /// Errors: [`Error::CannotCreate`] for the folder; those of [`atomic::write`].
     pub fn run(&self, program: Command) -> Result<Verdict> {
         let folder = &self.folder;
         std::fs::create_dir_all(folder)

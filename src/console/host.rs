@@ -9,9 +9,7 @@ use crate::{Error, Result};
 /// Checks that the CPU has the instruction sets that this program is compiled for.
 ///
 /// `is_x86_feature_detected!` is no help: it is constant for features that the compiler assumes.
-///
-/// # Errors
-/// [`Error::Host`] with the missing features.
+/// Errors: [`Error::Host`] with the missing features.
 #[cfg(target_arch = "x86_64")]
 pub fn check_isa() -> Result<()> {
     use std::arch::x86_64::{__cpuid, __cpuid_count};
@@ -47,13 +45,10 @@ pub fn check_isa() -> Result<()> {
     Ok(())
 }
 
-/// Largest number of threads of a process.
 pub const MAX_THREADS: usize = 4096;
 
 /// Number of threads, and the source of the number: the flag, `BISMAR_THREADS`, `SLURM_CPUS_PER_TASK`, all.
-///
-/// # Errors
-/// [`Error::Usage`] for a variable that is not a positive number.
+/// Errors: [`Error::Usage`] for a variable that is not a positive number.
 pub fn threads(flag: Option<usize>) -> Result<(usize, &'static str)> {
     if let Some(n) = flag {
         return Ok((n, "--threads"));
@@ -71,9 +66,7 @@ pub fn threads(flag: Option<usize>) -> Result<(usize, &'static str)> {
 }
 
 /// A rayon pool with this number of threads.
-///
-/// # Errors
-/// [`Error::Usage`] for no threads, and for more than [`MAX_THREADS`]; [`Error::Host`] if they cannot be started.
+/// Errors: [`Error::Usage`] for no threads, and for more than [`MAX_THREADS`]; [`Error::Host`] if they cannot be started.
 pub fn pool(threads: usize) -> Result<rayon::ThreadPool> {
     if !(1..=MAX_THREADS).contains(&threads) {
         return Err(Error::Usage(format!("{threads} threads: not a number from 1 to {MAX_THREADS}")));
@@ -93,12 +86,12 @@ pub fn resident_memory_bytes() -> u64 {
 }
 
 /// Virtual memory of this process in bytes; 0 if unknown.
-pub fn virtual_memory_bytes() -> u64 {
+pub(crate) fn virtual_memory_bytes() -> u64 {
     kilobytes("/proc/self/status", "VmSize:").unwrap_or(0)
 }
 
 /// Private writable memory of this process that is mapped, such as stacks, but not resident, in bytes; 0 if unknown.
-pub fn untouched_data_bytes() -> u64 {
+pub(crate) fn untouched_data_bytes() -> u64 {
     let of = |key: &str| kilobytes("/proc/self/status", key).unwrap_or(0);
     of("VmData:").saturating_sub(of("RssAnon:"))
 }

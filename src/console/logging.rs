@@ -84,7 +84,7 @@ pub fn say(text: impl Display) {
 }
 
 /// Prints an error on stderr, no longer than a screen.
-pub fn say_error(text: impl Display) {
+pub(crate) fn say_error(text: impl Display) {
     let text = shortened(&text.to_string());
     match FORMAT.get() {
         Some(Format::Json) => line(Level::ERROR, &text),

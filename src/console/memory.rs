@@ -51,10 +51,7 @@ unsafe impl GlobalAlloc for Allocator {
 
 /// Makes a failed allocation end the program with exit code 76, if [`Allocator`] is the global allocator. Rust prints the
 /// requested bytes and aborts, which is then handled.
-///
-/// # Errors
-/// [`Error::Host`] if the system refuses.
-pub fn exit_when_exhausted() -> Result<()> {
+pub(crate) fn exit_when_exhausted() -> Result<()> {
     let exhausted = Arc::clone(EXHAUSTED.get_or_init(Arc::default));
     let code = Error::Host(String::new()).exit_code();
     signal_hook::flag::register_conditional_shutdown(SIGABRT, code.into(), exhausted)
@@ -81,7 +78,7 @@ const STACK_BYTES: u64 = 18 << 20;
 /// Makes allocations beyond this number of bytes fail, so that the program ends with a message ([`exit_when_exhausted`])
 /// before the system kills it. The limit counts what is mapped: stacks of this many threads, which hardly touch them, are
 /// allowed for.
-pub fn hold_to(bytes: u64, threads: usize) {
+pub(crate) fn hold_to(bytes: u64, threads: usize) {
     let Rlimit { current, maximum } = getrlimit(Resource::Data);
     let bytes = bytes.saturating_add(host::untouched_data_bytes()).saturating_add((threads as u64 + 1) * STACK_BYTES);
     let least = [Some(bytes), current, maximum].into_iter().flatten().min();

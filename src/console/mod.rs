@@ -41,7 +41,6 @@ pub const COMMIT: &str = env!("BISMAR_COMMIT");
 /// The exit code of a command that did its work.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
-    /// Exit code 0.
     Done,
     /// Exit code 1: a comparison exceeds its limits.
     Beyond,
@@ -93,9 +92,7 @@ pub fn fail(error: &Error) -> ExitCode {
 }
 
 /// Prints a command's result on stdout, with control characters as escapes. A closed pipe (`| head`) is no error.
-///
-/// # Errors
-/// [`Error::Io`] if stdout cannot be written for another reason.
+/// Errors: [`Error::Io`] if stdout cannot be written for another reason.
 pub fn print(text: impl Display) -> Result<()> {
     print_unescaped(&escaped(&text.to_string()))
 }
@@ -109,10 +106,8 @@ fn print_unescaped(text: &str) -> Result<()> {
 }
 
 /// Prints indented JSON on stdout.
-///
-/// # Errors
-/// Those of [`print()`]; [`Error::Bug`] if the value cannot be serialised.
-pub fn print_json(value: &impl serde::Serialize) -> Result<()> {
+/// Errors: Those of [`print()`]; [`Error::Bug`] if the value cannot be serialised.
+pub(crate) fn print_json(value: &impl serde::Serialize) -> Result<()> {
     let text = serde_json::to_string_pretty(value).map_err(|e| Error::Bug(format!("JSON: {e}")))?;
     print_unescaped(&escaped_json(&text))
 }

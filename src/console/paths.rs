@@ -33,26 +33,19 @@ struct NamedFile {
 
 impl Paths {
     /// Adds a file that is read; `what` says what for, as in `--env`.
-    ///
-    /// # Errors
-    /// [`Error::Usage`] if it is an output too.
+    /// Errors: [`Error::Usage`] if it is an output too.
     pub fn reads(&mut self, what: &str, path: &Path) -> Result<()> {
         self.add(what, path, false)
     }
 
     /// Adds a file that is written and that the command line names; `what` as in [`Self::reads`]. Devices may be written twice.
-    ///
-    /// # Errors
-    /// [`Error::Usage`] if it is an input or another output.
+    /// Errors: [`Error::Usage`] if it is an input or another output.
     pub fn names(&mut self, what: &str, path: &Path) -> Result<()> {
         atomic::named(path);
         self.writes(what, path)
     }
 
     /// Adds a file that is written, but is not named on the command line.
-    ///
-    /// # Errors
-    /// Those of [`Self::names`].
     pub fn writes(&mut self, what: &str, path: &Path) -> Result<()> {
         self.add(what, path, true)
     }

@@ -120,7 +120,6 @@ impl Reporter {
     }
 }
 
-/// Prints progress.
 struct Printer {
     style: Style,
     bar: ProgressBar,

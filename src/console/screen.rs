@@ -25,7 +25,6 @@ pub fn bar(steps: u64, template: &str) -> ProgressBar {
     bar
 }
 
-/// Removes a bar.
 pub fn remove(bar: &ProgressBar) {
     bar.finish_and_clear();
     BARS.remove(bar);

@@ -15,7 +15,6 @@ use super::{fail, screen};
 use crate::film::lock;
 use crate::{Error, Result};
 
-/// The signals of the process.
 #[derive(Clone)]
 pub struct Signals {
     /// Raised by the first signal. One more has the default action of the system, half a second later.
@@ -28,7 +27,8 @@ const WORKING: u8 = 1;
 const ENDING: u8 = 2;
 
 /// All signals that ask for the end of a process. Others that end it tell of its own faults.
-pub const HEARD: [i32; 10] = [SIGINT, SIGTERM, SIGHUP, SIGUSR1, SIGXCPU, SIGQUIT, SIGUSR2, SIGALRM, SIGVTALRM, SIGPROF];
+pub(crate) const HEARD: [i32; 10] =
+    [SIGINT, SIGTERM, SIGHUP, SIGUSR1, SIGXCPU, SIGQUIT, SIGUSR2, SIGALRM, SIGVTALRM, SIGPROF];
 
 /// Signals within this time are one: `timeout` and schedulers send one to the process and to its group, a terminal and `npx` one
 /// each.
@@ -36,9 +36,6 @@ const MOMENT: Duration = Duration::from_millis(500);
 
 impl Signals {
     /// Registers handlers of the signals.
-    ///
-    /// # Errors
-    /// [`Error::Host`] if the system refuses.
     pub fn listen() -> Result<Self> {
         let (signals, ends_at_once) = (Self::silent(), Arc::new(AtomicBool::new(false)));
         for signal in handled() {
@@ -64,9 +61,6 @@ impl Signals {
 
     /// Listens to the parent process instead ([`lead`](super::child::lead)) and ignores signals. A byte on standard input
     /// stands for the first signal. At the end of the input, the parent has ended, and this process exits at once.
-    ///
-    /// # Errors
-    /// [`Error::Host`] if the system refuses.
     pub fn from_parent() -> Result<Self> {
         let signals = Self::silent();
         for signal in handled() {
@@ -93,14 +87,13 @@ impl Signals {
         Self { stop: Arc::default(), phase: Arc::new(AtomicU8::new(WORKING)) }
     }
 
-    /// Was there a signal?
     pub fn stopped(&self) -> bool {
         self.stop.load(Ordering::Relaxed)
     }
 
     /// Does `work` that cannot be interrupted and has nothing to save, such as reading a scene or building an acceleration
     /// structure. A signal ends the program at once with exit code 75.
-    pub fn nothing_to_save<T>(&self, work: impl FnOnce() -> T) -> T {
+    pub(crate) fn nothing_to_save<T>(&self, work: impl FnOnce() -> T) -> T {
         self.phase.store(LOADING, Ordering::SeqCst);
         let watched = self.clone();
         // Where the system refuses another thread, the signal is heard after the work.

@@ -60,9 +60,7 @@ const CHANNELS: [&str; 3] = ["R", "G", "B"];
 
 impl Tev {
     /// Connects and creates a black picture of the window's size.
-    ///
-    /// # Errors
-    /// [`Error::Host`] with the address if tev cannot be reached.
+    /// Errors: [`Error::Host`] with the address if tev cannot be reached.
     pub fn open(address: &Address, name: &str, [x0, y0, x1, y1]: [u32; 4]) -> Result<Self> {
         let Address { host, port } = address;
         let failed = |why: String| Error::Host(format!("tev at {host}:{port}: {why}"));
@@ -87,9 +85,7 @@ impl Tev {
     }
 
     /// Sends the window's linear radiance.
-    ///
-    /// # Errors
-    /// [`Error::Io`] if it cannot be sent.
+    /// Errors: [`Error::Io`] if it cannot be sent.
     pub fn show(&mut self, pixels: &dyn Pixels) -> Result<()> {
         let [x0, y0, x1, y1] = pixels.window();
         let data: Vec<f32> = colors(pixels).1.flatten().collect();

@@ -2,9 +2,7 @@
 
 use std::env;
 
-/// A scheduler's variables.
 struct Scheduler {
-    /// The index of the task.
     index: &'static str,
     /// The index of the first task.
     first: u32,
@@ -28,7 +26,6 @@ const SCHEDULERS: [Scheduler; 3] = [
     Scheduler { index: "JOB_COMPLETION_INDEX", first: 0, count: None, last: None },
 ];
 
-/// A task of an array.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ArrayTask {
     /// Its number, from 1.
@@ -38,10 +35,7 @@ pub struct ArrayTask {
 }
 
 /// The task of an array that this process is.
-///
-/// # Errors
-/// What is wrong with the variables, or that there are none.
-pub fn array_task() -> Result<ArrayTask, String> {
+pub(crate) fn array_task() -> Result<ArrayTask, String> {
     of_variables(&|name| env::var(name).ok().filter(|value| !value.trim().is_empty()))
 }
 

@@ -5,9 +5,7 @@ use std::path::Path;
 use crate::{Error, Result};
 
 /// The path as UTF-8, which plans and templates need as they are JSON.
-///
-/// # Errors
-/// [`Error::Usage`] for a path that is not UTF-8.
+/// Errors: [`Error::Usage`] for a path that is not UTF-8.
 pub fn utf8(path: &Path) -> Result<&str> {
     path.to_str().ok_or_else(|| {
         Error::Usage(format!("{path:?}: not UTF-8, so it cannot be passed to other machines; rename it"))
@@ -15,9 +13,7 @@ pub fn utf8(path: &Path) -> Result<&str> {
 }
 
 /// Checks a name for control characters.
-///
-/// # Errors
-/// [`Error::Usage`] if it holds one.
+/// Errors: [`Error::Usage`] if it holds one.
 pub fn printable(name: &str) -> Result<()> {
     match name.contains(char::is_control) {
         true => {

@@ -13,9 +13,7 @@ use crate::{Error, Result};
 
 /// The template as JSON. Each render is a step whose tasks are its frames and parts; the merges of a render are a step that
 /// depends on it.
-///
-/// # Errors
-/// [`Error::Usage`] for names and numbers beyond the limits of the format.
+/// Errors: [`Error::Usage`] for names and numbers beyond the limits of the format.
 pub fn template(plan: &Plan) -> Result<Value> {
     let mut steps = Vec::new();
     let mut names: HashSet<String> = plan.tasks.iter().map(|task| task.render.clone()).collect();

@@ -37,9 +37,7 @@ enum Format {
 
 impl PathMapping {
     /// Reads a file of rules.
-    ///
-    /// # Errors
-    /// [`Error::reading`]; [`Error::Config`] for anything that is not `pathmapping-1.0`.
+    /// Errors: [`Error::reading`]; [`Error::Config`] for anything that is not `pathmapping-1.0`.
     pub fn read(path: &Path) -> Result<Self> {
         let bytes = read_text(path)?;
         let bad = |why: &str| Error::Config(format!("{}: not a file of path mapping rules: {why}", path.display()));

@@ -23,7 +23,6 @@ pub struct Plan {
     pub folder: PathBuf,
     /// The batch file or scene that was submitted; absolute.
     pub input: String,
-    /// Number of parts of every picture.
     pub parts: u32,
     /// Whether a task that ran out of memory is run again, once, with 1.5 times as much.
     pub retries_memory: bool,
@@ -36,28 +35,22 @@ pub struct Plan {
 /// A command that renders one file, or one file per frame.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Task {
-    /// Name of the render.
     pub render: String,
     /// Number of the part, from 1; 1 for a whole picture.
     pub part: u32,
-    /// Program and arguments.
     pub command: Vec<String>,
     /// Absolute path of the file; for frames, with a placeholder for the number.
     pub output: PathBuf,
-    /// Frames of a sequence.
     pub frames: Option<Frames>,
 }
 
 /// A command that merges parts.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Merge {
-    /// Name of the render.
     pub render: String,
-    /// Program and arguments.
     pub command: Vec<String>,
     /// Absolute path of the file; for frames, with a placeholder for the number.
     pub output: PathBuf,
-    /// Frames of a sequence.
     pub frames: Option<Frames>,
     /// Index of the first and of the last task that it depends on.
     pub tasks: (usize, usize),
@@ -77,10 +70,8 @@ pub const PLAN: &str = "farm.json";
 impl Plan {
     /// A plan with every picture in `parts` parts, and sequences in tasks of `chunk` frames. `program` is the executable,
     /// `progress` the value of its flag. All paths are absolute.
-    ///
-    /// # Errors
-    /// [`Error::Usage`] for parts of a render that stops by time, because each would stop at another number of paths; for
-    /// names that are not UTF-8 or hold control characters.
+    /// Errors: [`Error::Usage`] for parts of a render that stops by time, because each would stop at another number of
+    /// paths; for names that are not UTF-8 or hold control characters.
     pub fn new(
         name: &str,
         folder: &Path,
@@ -191,9 +182,7 @@ impl Plan {
     }
 
     /// Reads a plan's file.
-    ///
-    /// # Errors
-    /// [`Error::Missing`] and [`Error::Data`], with the file.
+    /// Errors: [`Error::Missing`] and [`Error::Data`], with the file.
     pub fn read(path: &Path) -> Result<Self> {
         let bytes = read_own(path)?;
         let bad = |why: &dyn Display| Error::Data(format!("{}: not a plan of `farm submit`: {why}", path.display()));
@@ -215,9 +204,7 @@ impl Plan {
     }
 
     /// Command and output files of a task or a merge, whose number counts from 1.
-    ///
-    /// # Errors
-    /// [`Error::Usage`] if there is no such task.
+    /// Errors: [`Error::Usage`] if there is no such task.
     pub fn command(&self, number: usize, merge: bool) -> Result<(&[String], Vec<PathBuf>)> {
         let at = number.checked_sub(1);
         let found = match merge {

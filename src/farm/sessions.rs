@@ -18,7 +18,6 @@ pub struct Sessions {
     pub job: String,
     /// Host of the last session.
     pub host: String,
-    /// Number of sessions begun.
     pub begun: u32,
     /// Paths in the task's output when the last session began.
     pub paths: u64,
@@ -26,7 +25,6 @@ pub struct Sessions {
     pub fruitless: u32,
     /// Byte of the log at which the last session begins.
     pub log: u64,
-    /// Whether the memory limit was raised.
     pub memory_raised: bool,
     /// Raised memory limit in MiB; a session with less was started before the scheduler applied it.
     pub memory_raised_to: u64,
@@ -38,8 +36,7 @@ pub struct Sessions {
 
 /// Consecutive sessions without a new path after which a task is given up.
 const MAX_FRUITLESS_SESSIONS: u32 = 3;
-/// Interval of heartbeats.
-pub const HEARTBEAT: Duration = Duration::from_secs(20);
+pub(crate) const HEARTBEAT: Duration = Duration::from_secs(20);
 /// A session without a heartbeat for this long has died: several intervals, as clocks differ and file systems are slow.
 const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(120);
 
@@ -68,17 +65,12 @@ impl Sessions {
     }
 
     /// Gives the task up after too many sessions without progress.
-    ///
-    /// # Errors
-    /// [`Error::Host`].
-    pub fn check_progress(&mut self) -> Result<()> {
+    pub(crate) fn check_progress(&mut self) -> Result<()> {
         if self.fruitless < MAX_FRUITLESS_SESSIONS { Ok(()) } else { Err(self.no_progress()) }
     }
 
     /// Records the end of a session with an exit code and `paths` in the task's output.
-    ///
-    /// # Errors
-    /// [`Error::Host`] if it was interrupted and too many sessions in a row added no paths.
+    /// Errors: [`Error::Host`] if it was interrupted and too many sessions in a row added no paths.
     pub fn end(&mut self, code: u8, paths: u64) -> Result<()> {
         self.code = Some(code);
         // Not stored: the next session counts this one again when it begins.
@@ -99,22 +91,18 @@ impl Sessions {
         ))
     }
 
-    /// Writes the record.
-    ///
-    /// # Errors
-    /// Those of [`atomic::write`].
     pub fn write(&self, path: &Path) -> Result<()> {
         atomic::write(path, |file| Ok(Ok(serde_json::to_writer_pretty(file, self)?)))
     }
 
     /// Gives a sign of life: sets the record's modification time. Failures are ignored.
-    pub fn heartbeat(path: &Path) {
+    pub(crate) fn heartbeat(path: &Path) {
         let _ = atomic::open_guessable(File::options().append(true), path)
             .and_then(|file| file.set_modified(SystemTime::now()));
     }
 
     /// Whether the last session runs, according to its heartbeats.
-    pub fn is_running(&self, path: &Path) -> bool {
+    pub(crate) fn is_running(&self, path: &Path) -> bool {
         // Clocks differ a little; a time far in the future is none of a heartbeat.
         let age = fs::metadata(path).and_then(|meta| meta.modified());
         let age = age.map(|time| time.elapsed().unwrap_or_else(|ahead| ahead.duration()));
@@ -123,12 +111,12 @@ impl Sessions {
 }
 
 /// Exit code of an interrupted render, which resumes when it is started again.
-pub const INTERRUPTED: u8 = 75;
+pub(crate) const INTERRUPTED: u8 = 75;
 /// Exit code of a render that this host cannot do, for a site's `RequeueExitHold`.
 pub const HELD: u8 = 76;
 
 /// Path of the record that belongs to a log.
-pub fn record_path(log: &Path) -> PathBuf {
+pub(crate) fn record_path(log: &Path) -> PathBuf {
     log.with_extension("json")
 }
 

@@ -28,9 +28,7 @@ pub struct TaskOptions {
 }
 
 /// Scripts of a plan's folder: name and content.
-///
-/// # Errors
-/// [`crate::Error::Usage`] for control characters in options, each of which is a line of the script.
+/// Errors: [`crate::Error::Usage`] for control characters in options, each of which is a line of the script.
 pub fn files(plan: &Plan, options: &TaskOptions) -> Result<Vec<(String, String)>> {
     options
         .others
@@ -86,9 +84,6 @@ fn term_lead_seconds(minutes: Option<u32>) -> u32 {
 }
 
 /// Job arrays of at most `largest` tasks, with their arguments of sbatch.
-///
-/// # Errors
-/// Those of [`utf8`].
 pub fn arrays(plan: &Plan, options: &TaskOptions, largest: usize) -> Result<Vec<(Array, Vec<String>)>> {
     let throttle = options.throttle.map_or(String::new(), |n| format!("%{n}"));
     (0..plan.tasks.len())
@@ -103,9 +98,6 @@ pub fn arrays(plan: &Plan, options: &TaskOptions, largest: usize) -> Result<Vec<
 }
 
 /// Arguments of sbatch for the merge with this index, which depends on tasks of `arrays` with their job IDs.
-///
-/// # Errors
-/// Those of [`utf8`].
 pub fn merge(plan: &Plan, number: usize, arrays: &[Array]) -> Result<Vec<String>> {
     let (first, last) = plan.merges[number].tasks;
     let mut needed = Vec::new();
@@ -129,18 +121,15 @@ pub fn merge(plan: &Plan, number: usize, arrays: &[Array]) -> Result<Vec<String>
 pub struct Submitted {
     /// By which the file is known as ours.
     schema: u32,
-    /// Arrays of tasks.
     pub arrays: Vec<Array>,
     /// Job IDs of the merges, in the order of the plan.
     pub merges: Vec<String>,
 }
 
-/// A job array.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Array {
     /// Index of the first task.
     pub first: usize,
-    /// Number of tasks.
     pub count: usize,
     /// Slurm's job ID; empty before it is submitted.
     pub job: String,
@@ -155,10 +144,6 @@ impl Submitted {
         read_own(&folder.join(SUBMITTED)).ok().and_then(|bytes| serde_json::from_slice(&bytes).ok())
     }
 
-    /// Writes the job IDs.
-    ///
-    /// # Errors
-    /// Those of [`atomic::write`].
     pub fn write(&self, folder: &Path) -> Result<()> {
         atomic::write(&folder.join(SUBMITTED), |file| Ok(Ok(serde_json::to_writer_pretty(file, self)?)))
     }

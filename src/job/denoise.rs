@@ -57,10 +57,8 @@ fn read_image(from: &mut impl Read, pixels: usize) -> io::Result<Vec<[f32; 3]>> 
 }
 
 /// Denoises a picture in a child process, which is killed when `stop` is raised.
-///
-/// # Errors
-/// [`Error::Interrupted`] when `stop` was raised; [`Error::Host`] for a denoiser that fails, aborts or is killed.
-pub fn denoised_elsewhere(picture: &NoisyPicture, stop: &AtomicBool) -> Result<Vec<[f32; 3]>> {
+/// Errors: [`Error::Interrupted`] when `stop` was raised; [`Error::Host`] for a denoiser that fails, aborts or is killed.
+pub(crate) fn denoised_elsewhere(picture: &NoisyPicture, stop: &AtomicBool) -> Result<Vec<[f32; 3]>> {
     let pixels = picture.images[0].len();
     let (width, height) = (picture.width, pixels / picture.width.max(1));
     let cannot = |what: &str, e: io::Error| Error::Host(format!("--denoise oidn: cannot {what} its process: {e}"));

@@ -47,10 +47,7 @@ impl Inputs {
     }
 
     /// The same with a scene that is read from a pipe.
-    ///
-    /// # Errors
-    /// Those of [`SceneFiles::read_glb`], [`EnvironmentFile::open`] and [`memory::limit`].
-    pub fn read_pipe(request: &RenderRequest, pipe: &mut dyn Read) -> Result<Self> {
+    pub(crate) fn read_pipe(request: &RenderRequest, pipe: &mut dyn Read) -> Result<Self> {
         Self::of(request, || SceneFiles::read_glb(pipe, memory::limit(request.memory_limit)?.0))
     }
 
@@ -77,10 +74,7 @@ impl Inputs {
     }
 
     /// Declares the files that the scene names, such as buffers and images.
-    ///
-    /// # Errors
-    /// Those of [`Paths::reads`].
-    pub fn declare(&self, paths: &mut Paths) -> Result<()> {
+    pub(crate) fn declare(&self, paths: &mut Paths) -> Result<()> {
         self.scene.files.iter().try_for_each(|file| paths.reads("the scene's", file))
     }
 

@@ -50,10 +50,7 @@ impl Loaded {
 
     /// Loads one of several scenes made of the same files. `more`: others will follow. `previous`: the one before, whose
     /// unchanged parts are reused.
-    ///
-    /// # Errors
-    /// Those of [`Self::load`].
-    pub fn load_next(
+    pub(crate) fn load_next(
         request: &RenderRequest,
         inputs: &Inputs,
         previous: Option<Arc<Self>>,

@@ -62,13 +62,13 @@ pub fn at_rest(threads: usize) -> u64 {
 }
 
 /// Bytes of placements, of so many keys of their motion in all, and of the emissive triangles in them.
-pub fn placed_bytes(instances: u64, keys: u64, emissive_triangles: u64) -> u64 {
+pub(crate) fn placed_bytes(instances: u64, keys: u64, emissive_triangles: u64) -> u64 {
     instances * BYTES_PER_INSTANCE + keys * BYTES_PER_KEY + emissive_triangles * BYTES_PER_LIGHT
 }
 
 impl Need<'_> {
     /// Estimated bytes of the scene alone, with its files, in a program of so many threads.
-    pub fn of_scene(scene: &Survey, rays: Backend, threads: usize) -> u64 {
+    pub(crate) fn of_scene(scene: &Survey, rays: Backend, threads: usize) -> u64 {
         let c = &scene.census;
         // At the peak of the build, and indices.
         let per_triangle = match rays {
@@ -113,10 +113,7 @@ impl Need<'_> {
 }
 
 /// Parses a size such as 900M, 6G or 1.5T into bytes; a plain number is bytes, and K is 1024 as in Slurm.
-///
-/// # Errors
-/// A message for clap.
-pub fn parse_size(text: &str) -> std::result::Result<u64, String> {
+pub(crate) fn parse_size(text: &str) -> std::result::Result<u64, String> {
     let bad = || "not a size such as 900M or 6G".to_owned();
     let (number, shift) = match text.char_indices().last() {
         Some((at, unit)) if unit.is_ascii_alphabetic() => {

@@ -66,10 +66,7 @@ impl<'a> OutputWriter<'a> {
 
     /// Writes all outputs of a render that has ended. If requested, a finished picture is written first as it is, then
     /// denoised and written again; `stop` ends the denoiser. `began` is the start of the command.
-    ///
-    /// # Errors
-    /// Those of the denoiser, after the picture has been written with the statistics to continue from, and of the files.
-    pub fn write_final(
+    pub(crate) fn write_final(
         &self,
         rendered: &Rendered,
         with_statistics: bool,
@@ -188,7 +185,7 @@ fn names(scene: &Scene, aovs: &[Aov]) -> Result<Header> {
 }
 
 /// Writes a PNG from the command's EXR, denoised if requested; returns its exposure in stops.
-pub fn develop_file(
+pub(crate) fn develop_file(
     request: &RenderRequest,
     view: &ViewTransform,
     png: &Path,

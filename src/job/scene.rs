@@ -19,7 +19,7 @@ fn exporter_hint(generator: Option<&str>) -> &'static str {
 }
 
 /// Imports the scene as it is at rest, for the first pass that measures its own light; without a warning.
-pub fn scene_at_rest(request: &RenderRequest, files: &SceneFiles) -> Result<Scene> {
+pub(crate) fn scene_at_rest(request: &RenderRequest, files: &SceneFiles) -> Result<Scene> {
     let mut scene = files.import(&request.selection.at_rest().options(false, false))?.scene;
     apply_flags(request, &mut scene);
     if request.is_framed() {
@@ -42,7 +42,7 @@ fn apply_flags(request: &RenderRequest, scene: &mut Scene) {
 }
 
 /// Imports the scene.
-pub fn make_scene(request: &RenderRequest, files: Files) -> Result<Scene> {
+pub(crate) fn make_scene(request: &RenderRequest, files: Files) -> Result<Scene> {
     let imported = files.scene.import(&request.import_options())?;
     drop(files.scene);
     let generator = imported.report.generator;

@@ -72,10 +72,7 @@ pub struct Session<'a> {
 impl Session<'_> {
     /// The finished picture in the output file, if `--resume` is given and nothing is left to render. Reads files only, and
     /// verifies the picture's checksum.
-    ///
-    /// # Errors
-    /// Those of [`Earlier::read`] and, unless [`Self::replaces`], of [`Earlier::verify`].
-    pub fn finished_before(&self) -> Result<Option<Earlier>> {
+    pub(crate) fn finished_before(&self) -> Result<Option<Earlier>> {
         let output = &self.request.output;
         if !self.request.resume {
             return Ok(None);
@@ -124,10 +121,8 @@ impl Session<'_> {
     }
 
     /// Compares the estimated memory with the limit, before anything is decoded; returns the limit.
-    ///
-    /// # Errors
-    /// [`Error::Host`] if the render needs more.
-    pub fn check_memory(&self) -> Result<memory::Limit> {
+    /// Errors: [`Error::Host`] if the render needs more.
+    pub(crate) fn check_memory(&self) -> Result<memory::Limit> {
         let (request, scene) = (self.request, &self.inputs.scene);
         let (width, height) = request.size.map_or_else(|| self.size_by_camera(), |s| (s.0, s.1));
         let settings = RenderSettings { width, height, ..request.settings() };

@@ -90,17 +90,15 @@ pub fn camera(cameras: &[Camera], wanted: Option<&str>) -> Result<usize> {
 
 /// Index of the camera of the file whose view decides whether the scene's own light suffices: that of `--camera`; the first
 /// for cameras that are not of the file.
-///
-/// # Errors
-/// [`Error::Usage`], which lists the cameras.
-pub fn camera_of_file(cameras: &[Camera], request: &RenderRequest) -> Result<usize> {
+/// Errors: [`Error::Usage`], which lists the cameras.
+pub(crate) fn camera_of_file(cameras: &[Camera], request: &RenderRequest) -> Result<usize> {
     let wanted = request.camera.as_deref().filter(|_| !is_panorama(cameras, request));
     let sound = cameras.iter().position(|camera| camera.fault.is_none());
     camera(cameras, wanted).map(|index| sound.filter(|_| wanted.is_none()).unwrap_or(index))
 }
 
 /// Whether the camera is a panorama that the scene does not hold.
-pub fn is_panorama(cameras: &[Camera], request: &RenderRequest) -> bool {
+pub(crate) fn is_panorama(cameras: &[Camera], request: &RenderRequest) -> bool {
     request.camera.as_deref() == Some(Camera::PANORAMA) && cameras.iter().all(|camera| camera.name != Camera::PANORAMA)
 }
 
@@ -123,7 +121,7 @@ pub fn size(camera: &Camera) -> (u32, u32) {
 }
 
 /// Default resolution of a camera with this width over height.
-pub fn size_of_aspect(aspect: Option<f32>) -> (u32, u32) {
+pub(crate) fn size_of_aspect(aspect: Option<f32>) -> (u32, u32) {
     const WIDTH: u32 = 960;
     let aspect = aspect.filter(|a| a.is_finite() && *a > 0.0).unwrap_or(16.0 / 9.0);
     (WIDTH, (WIDTH as f32 / aspect).round().clamp(1.0, 16.0 * WIDTH as f32) as u32)

@@ -76,16 +76,14 @@ fn clamps(settings: &RenderSettings) -> Vec<&'static str> {
 }
 
 /// Whether the header holds statistics.
-pub fn are_in(header: &Header) -> bool {
+pub(crate) fn are_in(header: &Header) -> bool {
     text(header, HEADER_ATTRIBUTE).is_some()
 }
 
 /// Writes the JSON file of `--stats` from a picture's header, unless the file exists and names this picture's `checksum`.
 /// The write and total seconds stay as they were when the picture was written.
-///
-/// # Errors
-/// [`Error::Data`] for a damaged header; those of [`atomic::write`].
-pub fn write_again(path: &Path, header: &Header, checksum: &str) -> Result<()> {
+/// Errors: [`Error::Data`] for a damaged header; those of [`atomic::write`].
+pub(crate) fn write_again(path: &Path, header: &Header, checksum: &str) -> Result<()> {
     let existing = fs::metadata(path).is_ok_and(|meta| meta.is_file()).then(|| fs::read(path).unwrap_or_default());
     let existing = existing.and_then(|bytes| serde_json::from_slice::<Value>(&bytes).ok());
     if existing.is_some_and(|stats| stats["picture"] == checksum) {
@@ -99,7 +97,6 @@ pub fn write_again(path: &Path, header: &Header, checksum: &str) -> Result<()> {
     write_json(path, &stats)
 }
 
-/// Writes a file of indented JSON.
 pub(crate) fn write_json(path: &Path, value: &impl Serialize) -> Result<()> {
     atomic::write(path, |file| {
         serde_json::to_writer_pretty(&mut *file, value)?;

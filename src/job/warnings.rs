@@ -17,7 +17,7 @@ use crate::render::{BuildInfo, Record, RenderSettings, Rendered, Saved};
 use crate::scene::{PunctualKind, PunctualLight};
 
 /// Warns if a resumed render, on `backend` and with `settings`, is not bit-identical to an uninterrupted one.
-pub fn resumed_differently(
+pub(crate) fn resumed_differently(
     output: &Path,
     before: &Record,
     saved: &Saved,
@@ -58,7 +58,7 @@ pub fn resumed_differently(
 const WIDE: f32 = 0.25;
 
 /// Warns of a lens that is wide for the scene before it, as in scenes whose unit is not the metre.
-pub fn wide_lens(request: &RenderRequest, radius: f32, focus: f32) {
+pub(crate) fn wide_lens(request: &RenderRequest, radius: f32, focus: f32) {
     if radius > WIDE * focus {
         warn!(
             "{}: the lens has a radius of {radius:.2e} m and is focused at {focus:.2e} m. Is the scene's unit the metre? --aperture \
@@ -69,7 +69,7 @@ pub fn wide_lens(request: &RenderRequest, radius: f32, focus: f32) {
 }
 
 /// Warns of a camera whose far clipping plane hides much of what is in its view.
-pub fn clipped(request: &RenderRequest, scene: &PreparedScene, camera: usize) {
+pub(crate) fn clipped(request: &RenderRequest, scene: &PreparedScene, camera: usize) {
     let camera = &scene.scene.cameras[camera];
     let share = hidden_share(scene, camera);
     if share > MIN_HIDDEN_SHARE {
@@ -83,7 +83,7 @@ pub fn clipped(request: &RenderRequest, scene: &PreparedScene, camera: usize) {
 }
 
 /// Warns of a picture, or a part of one, that is black, and of one so bright or dark that the unit of its lights is in doubt.
-pub fn black_picture(output: &Path, rendered: &Rendered, part: bool, lights: &[PunctualLight], unit: LightUnit) {
+pub(crate) fn black_picture(output: &Path, rendered: &Rendered, part: bool, lights: &[PunctualLight], unit: LightUnit) {
     let seen = Seen::of(rendered);
     // A light seen directly that lights nothing else is no illumination. The lit pixels may be in the other parts.
     let few = if part { 0 } else { seen.surfaces / 50 };
@@ -156,7 +156,7 @@ impl Seen {
 }
 
 /// Warns of pixels without paths, which are black.
-pub fn empty_pixels(output: &Path, rendered: &Rendered) {
+pub(crate) fn empty_pixels(output: &Path, rendered: &Rendered) {
     let (empty, all) = rendered.pixels_without_paths();
     if empty > 0 {
         let percent = 100.0 * empty as f64 / all as f64;

@@ -8,19 +8,19 @@ pub fn median(values: &[f64]) -> f64 {
 }
 
 /// Mean of the values, NaN of none.
-pub fn mean_of(values: impl Iterator<Item = f64>) -> f64 {
+pub(crate) fn mean_of(values: impl Iterator<Item = f64>) -> f64 {
     let (sum, n) = values.fold((0.0, 0.0), |(sum, n), x| (sum + x, n + 1.0));
     sum / n
 }
 
 /// Standard deviation of normal values, from their median deviation.
-pub fn robust_deviation(values: &[f64]) -> f64 {
+pub(crate) fn robust_deviation(values: &[f64]) -> f64 {
     let middle = median(values);
     1.4826 * median(&values.iter().map(|x| (x - middle).abs()).collect::<Vec<_>>())
 }
 
 /// Standard error of the median of normal values: 1.2533 times that of their mean.
-pub fn median_error(values: &[f64]) -> f64 {
+pub(crate) fn median_error(values: &[f64]) -> f64 {
     1.2533 * robust_deviation(values) / (values.len() as f64).sqrt()
 }
 
@@ -39,7 +39,6 @@ impl Sums {
         self.squares += x * x;
     }
 
-    /// Adds the values of another.
     pub fn join(&mut self, other: &Self) {
         self.n += other.n;
         self.sum += other.sum;

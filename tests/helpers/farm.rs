@@ -62,7 +62,6 @@ pub fn workers(batch: u32) -> Vec<u32> {
     processes().into_iter().filter(of_batch).map(|(id, _)| id).collect()
 }
 
-/// All processes and their words.
 fn processes() -> Vec<(u32, Vec<String>)> {
     let process = |entry: fs::DirEntry| {
         let id = entry.file_name().to_str()?.parse().ok()?;

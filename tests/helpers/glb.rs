@@ -200,7 +200,6 @@ pub fn thicket(triangles: u32) -> Vec<u8> {
     }))
 }
 
-/// Types of chunks.
 pub const JSON: u32 = 0x4E4F_534A;
 pub const BIN: u32 = 0x004E_4942;
 

@@ -174,7 +174,6 @@ impl Running {
     }
 }
 
-/// A JSON file.
 #[track_caller]
 pub fn read_json(path: &Path) -> serde_json::Value {
     let bytes = fs::read(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));

@@ -37,7 +37,6 @@ pub fn add_sphere(scene: &mut Scene, n: u32, radius: f32, center: Vec3, material
     add(scene, points, indices, material);
 }
 
-/// Adds a closed box between two corners.
 pub fn closed_box(scene: &mut Scene, low: Vec3, high: Vec3, material: Material) {
     build::add_shape(scene, &build::cuboid(low.as_dvec3(), high.as_dvec3()), material);
 }

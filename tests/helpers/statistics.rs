@@ -18,7 +18,6 @@ pub fn z_limit(tests: usize) -> f64 {
     Normal::new(0.0, 1.0).unwrap().inverse_cdf(1.0 - 0.5 * level(tests))
 }
 
-/// Running mean and variance.
 #[derive(Debug, Default, Clone, Copy)]
 pub struct Mean {
     pub n: f64,

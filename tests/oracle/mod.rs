@@ -40,7 +40,6 @@ struct Ray {
     weighted_pdf: f32,
     /// Sample index in the pixel's sequence.
     index: u32,
-    /// Medium of the ray.
     medium: u32,
     /// Roulette probability of the light sample at the origin.
     light_probability: f32,
@@ -65,7 +64,6 @@ struct Vertex {
     wo: Vec3,
     beta: Vec3,
     bsdf: <Bsdf as Parameters>::Eight,
-    /// Does the surface transmit?
     transmits: bool,
     origin_offset: f32,
     /// Media on the side of `wo`, and beyond the surface.
@@ -80,7 +78,6 @@ struct Vertex {
     time: f32,
 }
 
-/// A ray that leaves a vertex.
 struct SpawnedRay {
     origin: Vec3,
     allowed: bool,
@@ -99,7 +96,6 @@ impl Vertex {
         }
     }
 
-    /// Is it smooth glass?
     fn is_smooth(&self) -> bool {
         let straight = self.bsdf.straight(V3::splat(self.ns), V3::splat(self.wo), F::ONE, true);
         straight.weight.lane(0).max_element() > 0.0

@@ -32,7 +32,6 @@ struct PlaneHit {
     is_back: bool,
 }
 
-/// All triangles of a scene.
 pub struct Reference {
     triangles: Vec<Triangle>,
     /// Do backs of single-sided triangles count?

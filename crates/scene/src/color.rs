@@ -62,7 +62,7 @@ fn xyz_from_rgb([rx, ry, gx, gy, bx, by, wx, wy]: [f32; 8]) -> Option<DMat3> {
 
 /// From XYZ with this white point (CIE xy) to Rec. 709, by Bradford's adaptation of white (Lam 1985). `None` if it is not
 /// finite.
-pub fn rec709_from_xyz(white: [f32; 2]) -> Option<Mat3> {
+pub(crate) fn rec709_from_xyz(white: [f32; 2]) -> Option<Mat3> {
     let cones = DMat3::from_cols_array(&[0.8951, -0.7502, 0.0389, 0.2664, 1.7135, -0.0685, -0.1614, 0.0367, 1.0296]);
     let scale = DMat3::from_diagonal((cones * white_xyz(D65)) / (cones * white_xyz(white)));
     let matrix = (xyz_from_rgb(REC709)?.inverse() * cones.inverse() * scale * cones).as_mat3();
@@ -71,7 +71,7 @@ pub fn rec709_from_xyz(white: [f32; 2]) -> Option<Mat3> {
 
 /// From RGB with these chromaticities (x and y of red, green, blue and white, as in OpenEXR's attribute) to Rec. 709. The
 /// identity if they are those of Rec. 709; `None` if they are no colour space's. XYZ is one: (1, 0), (0, 1), (0, 0).
-pub fn rec709_from_rgb(chromaticities: [f32; 8]) -> Option<Mat3> {
+pub(crate) fn rec709_from_rgb(chromaticities: [f32; 8]) -> Option<Mat3> {
     if chromaticities.iter().zip(REC709).all(|(a, b)| (a - b).abs() < 1e-3) {
         return Some(Mat3::IDENTITY);
     }

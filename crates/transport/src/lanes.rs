@@ -10,14 +10,10 @@ pub const LANES: usize = 8;
 /// The indices of the lanes.
 pub const NUMBERS: [u32; LANES] = [0, 1, 2, 3, 4, 5, 6, 7];
 
-/// Eight three-dimensional vectors.
 #[derive(Debug, Clone, Copy)]
 pub struct V3 {
-    /// x components.
     pub x: F,
-    /// y components.
     pub y: F,
-    /// z components.
     pub z: F,
 }
 
@@ -74,7 +70,7 @@ pub fn load_bits(column: &[u32], rows: &Rows) -> U {
 
 /// Writes [`LANES`] elements of a column of integers from `at` on.
 #[inline(always)]
-pub fn store_bits(column: &mut [u32], at: usize, value: U) {
+pub(crate) fn store_bits(column: &mut [u32], at: usize, value: U) {
     column[at..at + LANES].copy_from_slice(value.as_array());
 }
 
@@ -164,7 +160,6 @@ pub fn mask(n: usize) -> F {
 }
 
 impl V3 {
-    /// Zero.
     pub const ZERO: Self = Self { x: F::ZERO, y: F::ZERO, z: F::ZERO };
 
     /// The same vector in every lane.
@@ -173,9 +168,8 @@ impl V3 {
         Self { x: F::splat(v.x), y: F::splat(v.y), z: F::splat(v.z) }
     }
 
-    /// From arrays of components.
     #[inline(always)]
-    pub fn from_arrays([x, y, z]: [[f32; LANES]; 3]) -> Self {
+    pub(crate) fn from_arrays([x, y, z]: [[f32; LANES]; 3]) -> Self {
         Self { x: F::from(x), y: F::from(y), z: F::from(z) }
     }
 
@@ -195,13 +189,11 @@ impl V3 {
         Vec3::new(self.x.as_array()[i], self.y.as_array()[i], self.z.as_array()[i])
     }
 
-    /// Dot products.
     #[inline(always)]
     pub fn dot(self, o: Self) -> F {
         self.x.mul_add(o.x, self.y.mul_add(o.y, self.z * o.z))
     }
 
-    /// Cross products.
     #[inline(always)]
     pub fn cross(self, o: Self) -> Self {
         Self {
@@ -211,7 +203,6 @@ impl V3 {
         }
     }
 
-    /// Squared lengths.
     #[inline(always)]
     pub fn length_squared(self) -> F {
         self.dot(self)
@@ -231,7 +222,6 @@ impl V3 {
         Self { x: mask.select(a.x, b.x), y: mask.select(a.y, b.y), z: mask.select(a.z, b.z) }
     }
 
-    /// Absolute values.
     #[inline(always)]
     pub fn abs(self) -> Self {
         Self { x: self.x.abs(), y: self.y.abs(), z: self.z.abs() }
@@ -289,11 +279,10 @@ impl V3Column {
     }
 
     /// Copies all vectors of another column, into the memory that this one has.
-    pub fn copy_from(&mut self, other: &Self) {
+    pub(crate) fn copy_from(&mut self, other: &Self) {
         self.columns.iter_mut().zip(&other.columns).for_each(|(to, from)| to.clone_from(from));
     }
 
-    /// Reads eight vectors.
     #[inline(always)]
     pub fn load(&self, rows: &Rows) -> V3 {
         let [x, y, z] = &self.columns;
@@ -309,14 +298,12 @@ impl V3Column {
         store(z, at, v.z);
     }
 
-    /// Replaces vector `i`.
     #[inline(always)]
     pub fn set(&mut self, i: usize, v: Vec3) {
         let [x, y, z] = &mut self.columns;
         (x[i], y[i], z[i]) = (v.x, v.y, v.z);
     }
 
-    /// Vector `i`.
     #[inline(always)]
     pub fn get(&self, i: usize) -> Vec3 {
         let [x, y, z] = &self.columns;

@@ -31,7 +31,6 @@ struct State {
     percent: u32,
 }
 
-/// Progress of one job.
 #[derive(Clone, Default)]
 struct Fraction {
     /// Fraction done, in [0, 1].
@@ -56,7 +55,6 @@ impl Overview {
         Self { quiet, style, terminal, all, state: Mutex::new(state), began: Instant::now() }
     }
 
-    /// Call when a job begins.
     pub fn begins(&self, index: usize, name: &str) {
         if !self.terminal {
             return;
@@ -66,7 +64,6 @@ impl Overview {
         self.lock().jobs[index].bar = Some(bar);
     }
 
-    /// Call when a job has made progress.
     pub fn progress(&self, index: usize, progress: &Progress) {
         let Ok(mut state) = self.state.try_lock() else { return };
         let job = &mut state.jobs[index];
@@ -99,7 +96,6 @@ impl Overview {
         self.show(&mut state);
     }
 
-    /// Call when all jobs have ended.
     pub fn finish(&self) {
         screen::remove(&self.all);
         let state = self.lock();

@@ -31,9 +31,7 @@ const NOT_IN_FILES: [&str; 11] = [
 ];
 
 /// Reads a batch file; a sequence of frames is one job.
-///
-/// # Errors
-/// [`Error::Config`] with line and column.
+/// Errors: [`Error::Config`] with line and column.
 pub fn read(path: &Path) -> Result<Vec<Job>> {
     let command = command();
     let flags: HashMap<String, Flag> = command
@@ -60,9 +58,7 @@ pub fn read(path: &Path) -> Result<Vec<Job>> {
 
 /// Splits sequences into one job per picture. Also returns all files of the jobs: no job may write a file that it or another job
 /// reads or writes. `file` is the batch file, if there is one.
-///
-/// # Errors
-/// [`Error::Config`], with line and column in `file`.
+/// Errors: [`Error::Config`], with line and column in `file`.
 pub fn plan(file: Option<&Path>, jobs: &[Job]) -> Result<(Vec<Job>, Paths)> {
     let wrong = |why: String| Error::Config(why);
     let mut jobs = split_all(jobs).map_err(|((line, column), why)| match file {

@@ -25,7 +25,6 @@ use crate::job::{Inputs, RenderRequest, Session, write_json};
 use crate::render::record::checkpoint::Earlier;
 use crate::{Error, Result};
 
-/// Options of a batch.
 #[derive(Default)]
 pub struct Work {
     /// Batch file or scene, as the report names it.
@@ -36,22 +35,18 @@ pub struct Work {
     pub events: Option<PathBuf>,
     /// Folders below which outputs may lie.
     pub folders: Vec<PathBuf>,
-    /// Number of jobs at the same time.
     pub at_once: usize,
     /// One process per job.
     pub isolate: bool,
     pub dry_run: bool,
     pub threads: Option<usize>,
     pub style: Style,
-    /// Whether the parent process announces signals.
     pub signals_from_parent: bool,
 }
 
 impl Work {
     /// Renders the jobs. `paths` are all files that the jobs read or write.
-    ///
-    /// # Errors
-    /// Those of starting processes and of writing report and events; failed jobs are in the verdict.
+    /// Errors: Those of starting processes and of writing report and events; failed jobs are in the verdict.
     pub fn run(&self, mut jobs: Vec<Job>, mut paths: Paths, verbosity: Verbosity) -> Result<Verdict> {
         let (began, stdout) = (Instant::now(), Path::new("-"));
         self.report.iter().try_for_each(|report| paths.writes("--report", report))?;

@@ -78,7 +78,6 @@ struct Worker {
     paths: Mutex<Paths>,
     /// Threads per job.
     threads: usize,
-    /// Whether jobs run one after the other.
     sequential: bool,
     signals: Signals,
 }

@@ -16,7 +16,6 @@ use crate::console::child::{lead, this_program};
 use crate::console::{LogFormat, Signals, Verbosity};
 use crate::{Error, Result};
 
-/// Worker processes of a batch.
 pub struct WorkerPool<'a> {
     pub jobs: &'a [Job],
     /// Files that the batch itself writes.
@@ -25,7 +24,6 @@ pub struct WorkerPool<'a> {
     pub folders: &'a [PathBuf],
     /// Number of jobs at the same time.
     pub at_once: usize,
-    /// Threads per job.
     pub threads: usize,
     pub signals: &'a Signals,
     pub verbosity: Verbosity,
@@ -44,10 +42,8 @@ struct Exited {
 
 impl WorkerPool<'_> {
     /// Renders each job in its own process.
-    ///
-    /// # Errors
-    /// [`Error::Host`] if processes cannot be started.
-    pub fn run_isolated(&self) -> Result<()> {
+    /// Errors: [`Error::Host`] if processes cannot be started.
+    pub(crate) fn run_isolated(&self) -> Result<()> {
         let failed = Mutex::new(None);
         each(self.jobs.len(), self.at_once, &|job| {
             if let Err(e) = self.run_alone(job, self.threads) {
@@ -59,10 +55,8 @@ impl WorkerPool<'_> {
 
     /// Renders all jobs in one process, which shares scenes in memory. If it dies, the unfinished jobs are rendered again,
     /// each in its own process, and the remaining ones in a new shared process.
-    ///
-    /// # Errors
-    /// [`Error::Host`] if processes cannot be started.
-    pub fn run_shared(&self) -> Result<()> {
+    /// Errors: [`Error::Host`] if processes cannot be started.
+    pub(crate) fn run_shared(&self) -> Result<()> {
         let mut next = 0;
         while next < self.jobs.len() {
             let mut exited = self.process(next..self.jobs.len(), self.at_once, self.threads)?;

@@ -15,11 +15,9 @@ pub const MAX_FLIP: f64 = 0.05;
 /// A golden picture and what became of it.
 pub struct Check {
     pub golden: PathBuf,
-    /// Path of the scene.
     pub scene: String,
     /// Path of the new picture.
     pub new: PathBuf,
-    /// Seconds of the render.
     pub seconds: f64,
     pub outcome: Outcome,
     pub updated: bool,
@@ -48,17 +46,14 @@ pub struct Differing {
 /// What became of a golden picture.
 #[derive(Debug)]
 pub enum Outcome {
-    /// Not rendered yet.
     Pending,
     /// Every channel has equal bits.
     Identical,
-    /// Bits differ.
     Other {
         /// FLIP error of the beauty at the limit's percentile; 1 for pictures of different sizes.
         flip: f64,
         /// Is it within the limit?
         passes: bool,
-        /// Channels whose bits differ.
         channels: Vec<Differing>,
         /// Why the pictures cannot be compared, if they cannot.
         unlike: Option<String>,
@@ -67,19 +62,16 @@ pub enum Outcome {
     Failed {
         /// Exit code of the error.
         exit_code: u8,
-        /// What is wrong.
         error: String,
     },
 }
 
 impl Outcome {
-    /// That of an error.
     pub fn failed(error: &Error) -> Self {
         Self::Failed { exit_code: error.exit_code(), error: error.to_string() }
     }
 
-    /// Are the bits equal?
-    pub fn is_identical(&self) -> bool {
+    pub(crate) fn is_identical(&self) -> bool {
         matches!(self, Self::Identical)
     }
 
@@ -96,7 +88,6 @@ impl Outcome {
         }
     }
 
-    /// Its name in reports.
     pub fn name(&self) -> &'static str {
         match self {
             Self::Pending => "pending",

@@ -17,7 +17,6 @@ use crate::film::{Exposure, Look, Picture, View};
 /// Side of the enlarged place in pixels.
 const CROP: i64 = 48;
 
-/// Writes the page.
 pub fn write(path: &Path, checks: &[Check], Limit { percentile, max_flip }: Limit) -> Result<()> {
     let seconds = checks.iter().map(|check| check.seconds).sum();
     let mut parts = Vec::new();

@@ -48,7 +48,6 @@ pub fn summary(checks: &[Check], seconds: f64) -> String {
     text
 }
 
-/// Writes the report.
 pub fn write_json(path: &Path, checks: &[Check], limit: Limit, seconds: f64) -> Result<()> {
     let one = |check: &Check| {
         let mut value = json!({
@@ -83,7 +82,7 @@ pub fn write_json(path: &Path, checks: &[Check], limit: Limit, seconds: f64) -> 
 }
 
 /// Writes JUnit XML: a test case for each golden picture.
-pub fn write_junit(path: &Path, checks: &[Check]) -> Result<()> {
+pub(crate) fn write_junit(path: &Path, checks: &[Check]) -> Result<()> {
     let is_error = |check: &Check| check.outcome.exit_code().is_some();
     let is_failure = |check: &Check| !is_error(check) && !check.outcome.passes() && !check.updated;
     let count = |of: &dyn Fn(&Check) -> bool| checks.iter().filter(|check| of(check)).count();

@@ -8,7 +8,7 @@ use crate::film::compare::REL_MSE_EPSILON;
 use crate::film::{Picture, exr_file, preview};
 
 /// Writes the file of `--diff`: signed A - B for .exr, else the relative difference in false colours.
-pub fn write_difference(path: &Path, a: &Picture, b: &Picture) -> Result<()> {
+pub(crate) fn write_difference(path: &Path, a: &Picture, b: &Picture) -> Result<()> {
     let pairs = a.rgb.iter().zip(&b.rgb);
     if has_ending(path, &["exr"]) {
         let signed = pairs.map(|(x, y)| std::array::from_fn(|c| x[c] - y[c])).collect::<Vec<_>>();

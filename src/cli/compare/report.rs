@@ -29,7 +29,6 @@ pub fn shown<S: Serializer>(path: &Path, to: S) -> Result<S::Ok, S::Error> {
     to.collect_str(&path.display())
 }
 
-/// Two compared pictures.
 pub struct Pair {
     pub a: PathBuf,
     pub b: PathBuf,
@@ -39,11 +38,10 @@ pub struct Pair {
 }
 
 /// " and N more", or nothing for 0.
-pub fn and_more(n: usize) -> String {
+pub(crate) fn and_more(n: usize) -> String {
     if n == 0 { String::new() } else { format!(" and {n} more") }
 }
 
-/// Writes the file of `--csv`.
 pub fn write_csv(path: &Path, reports: &[Report]) -> crate::Result<()> {
     let quoted = |path: &Path| format!("\"{}\"", path.display().to_string().replace('"', "\"\""));
     atomic::write(path, |file| {
@@ -88,7 +86,6 @@ pub fn overview(pairs: &[Pair]) -> String {
     text.trim_end().to_owned()
 }
 
-/// Table of one pair.
 pub fn table(Pair { a, b, comparison: c, .. }: &Pair) -> String {
     let row = |name: &str, values: &[f64; 3]| {
         format!("{name:<10}{:>12}{:>12}{:>12}\n", short(values[0]), short(values[1]), short(values[2]))

@@ -12,15 +12,13 @@ use crate::console::say;
 use crate::{Error, Result};
 
 /// Whether both names have a placeholder for the frame number, and are not files.
-pub fn are_sequences(a: &Path, b: &Path) -> bool {
+pub(crate) fn are_sequences(a: &Path, b: &Path) -> bool {
     [a, b].iter().all(|name| numbered(name, 0).is_some() && !name.exists())
 }
 
 /// Frames that exist in both sequences: number and paths, in order. Prints which are missing in one.
-///
-/// # Errors
-/// [`Error::Missing`] if there are none; those of [`present`].
-pub fn in_both(a: &Path, b: &Path) -> Result<Vec<(u32, PathBuf, PathBuf)>> {
+/// Errors: [`Error::Missing`] if there are none; those of [`present`].
+pub(crate) fn in_both(a: &Path, b: &Path) -> Result<Vec<(u32, PathBuf, PathBuf)>> {
     let [ours, theirs] = [present(a)?, present(b)?].map(BTreeSet::from_iter);
     for (name, alone) in [(a, &ours - &theirs), (b, &theirs - &ours)] {
         if let Some(first) = alone.first() {
@@ -60,7 +58,6 @@ pub struct Sequence<'a> {
     pub frames: Vec<Frame<'a>>,
 }
 
-/// A frame of [`Sequence`].
 #[derive(Serialize)]
 pub struct Frame<'a> {
     frame: u32,

@@ -9,11 +9,10 @@ use crate::farm::slurm::{Submitted, quoted};
 use crate::{Error, Result};
 
 /// Largest array with Slurm's default MaxArraySize of 1001, which is one more than the largest index.
-pub const DEFAULT_ARRAY_SIZE: usize = 1000;
+pub(crate) const DEFAULT_ARRAY_SIZE: usize = 1000;
 
 /// Configuration of a Slurm site.
 pub struct Site {
-    /// Most tasks of a job array.
     pub max_array_size: usize,
     /// Whether it requeues tasks that exit with 75.
     pub requeues: bool,
@@ -43,10 +42,8 @@ pub fn sbatch(arguments: &[String]) -> Result<String> {
 }
 
 /// Standard output of a program.
-///
-/// # Errors
-/// [`Error::Host`] if it cannot be run, or fails.
-pub fn capture(program: &str, arguments: &[String]) -> Result<String> {
+/// Errors: [`Error::Host`] if it cannot be run, or fails.
+pub(crate) fn capture(program: &str, arguments: &[String]) -> Result<String> {
     let output = Command::new(program).args(arguments).output().map_err(|e| {
         Error::Host(format!(
             "cannot run {program}: {e}; is Slurm installed here? --dry-run and --format openjd work without it"
@@ -74,7 +71,6 @@ pub struct Queue<'a> {
     states: HashMap<(String, String), QueueState>,
 }
 
-/// Longest time to wait for squeue.
 const SQUEUE_TIMEOUT: Duration = Duration::from_secs(5);
 
 impl<'a> Queue<'a> {
@@ -104,13 +100,11 @@ impl<'a> Queue<'a> {
         status.success().then(|| Self { submitted, states: answer.lines().filter_map(parse_state).collect() })
     }
 
-    /// State of the task with this index.
     pub fn task(&self, number: usize) -> Option<QueueState> {
         let array = self.submitted.arrays.iter().find(|a| (a.first..a.first + a.count).contains(&number))?;
         self.states.get(&(array.job.clone(), (number - array.first + 1).to_string())).copied()
     }
 
-    /// State of the merge with this index.
     pub fn merge(&self, number: usize) -> Option<QueueState> {
         self.states.get(&(self.submitted.merges.get(number)?.clone(), String::new())).copied()
     }

@@ -34,7 +34,6 @@ pub struct StatusArgs {
     json: bool,
 }
 
-/// State of an output file.
 struct State {
     /// `waiting`, `running`, `begun`, `held`, `failed`, `dead`, `stale` or `done` (docs/farm.md).
     name: &'static str,

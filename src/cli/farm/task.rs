@@ -178,9 +178,7 @@ fn scontrol(words: &[String]) -> Result<()> {
 }
 
 /// Exit code of a render or a merge.
-///
-/// # Errors
-/// [`Error::Bug`] if an unexpected signal ended it.
+/// Errors: [`Error::Bug`] if an unexpected signal ended it.
 fn exit_code(status: ExitStatus) -> Result<u8> {
     match (status.code(), status.signal()) {
         (Some(code), _) => Ok(code as u8),
@@ -190,7 +188,6 @@ fn exit_code(status: ExitStatus) -> Result<u8> {
     }
 }
 
-/// Number of paths in all pictures.
 fn paths(pictures: &[PathBuf]) -> u64 {
     let of = |picture: &PathBuf| Earlier::read(picture).ok().flatten().map_or(0, |earlier| earlier.record.stats.paths);
     pictures.iter().map(of).sum()

@@ -31,7 +31,6 @@ pub struct ArrayArgs {
     normal_space: Space,
 }
 
-/// Format of an array.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Format {
     /// NumPy's
@@ -40,7 +39,6 @@ enum Format {
     Png,
 }
 
-/// Axes of normals.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 enum Space {
     /// The scene's axes
@@ -50,7 +48,6 @@ enum Space {
     Camera,
 }
 
-/// Direction of depths.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 enum Along {
     /// Distances to the camera, as depth.Z has them
@@ -77,9 +74,8 @@ impl Format {
 
 impl ArrayArgs {
     /// Writes the arrays of a picture beside it.
-    ///
-    /// # Errors
-    /// [`Error::Data`] for a picture without the AOV, or a depth beyond the PNG's range; those of reading and writing.
+    /// Errors: [`Error::Data`] for a picture without the AOV, or a depth beyond the PNG's range; those of reading and
+    /// writing.
     pub fn write(&self, picture: &Path, paths: &mut Paths) -> Result<()> {
         if !self.depth.is_empty() {
             let (size, values) = layer(picture, "depth")?;

@@ -12,11 +12,8 @@ pub struct RunLengths {
     pub size: [usize; 2],
 }
 
-/// A mask.
 pub struct Mask {
-    /// Its pixels.
     pub segmentation: RunLengths,
-    /// Their number.
     pub area: usize,
     /// Left, top, width, height in pixels.
     pub bbox: [usize; 4],

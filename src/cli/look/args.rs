@@ -84,7 +84,6 @@ impl LookArgs {
         Ok(())
     }
 
-    /// Path of the sheet.
     pub fn output(&self) -> PathBuf {
         let stem = |path: &PathBuf| {
             // `.` and `..` have no name of their own.

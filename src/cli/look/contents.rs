@@ -55,10 +55,8 @@ struct LightRow {
     intensity: [f64; 3],
 }
 
-/// Contents of a scene.
 #[derive(Debug, Clone, Serialize)]
 pub struct Contents {
-    /// Path as given.
     pub file: String,
     /// BLAKE3 of what the file and those that it refers to say; hexadecimal.
     pub hash: String,
@@ -72,7 +70,6 @@ pub struct Contents {
     materials: Vec<MaterialRow>,
     textures: Vec<TextureRow>,
     lights: Vec<LightRow>,
-    /// Does a surface emit light?
     emits: bool,
     /// Was studio light added, because the scene's own does not light it?
     pub studio_light: bool,
@@ -125,7 +122,6 @@ impl Contents {
         }
     }
 
-    /// The contents as JSON.
     pub fn report(&self) -> Result<Value> {
         serde_json::to_value(self).map_err(|e| Error::Bug(format!("JSON: {e}")))
     }
@@ -238,7 +234,7 @@ fn named<T>(
 }
 
 /// The shortest decimal number that is this 32-bit float, for JSON.
-pub fn decimal(x: f32) -> f64 {
+pub(crate) fn decimal(x: f32) -> f64 {
     x.to_string().parse().unwrap_or(f64::from(x))
 }
 

@@ -29,7 +29,6 @@ impl Direction {
         self.to_possible_value().map(|value| value.get_name().to_owned()).unwrap_or_default()
     }
 
-    /// Its camera.
     pub fn orbit(self) -> Orbit {
         let (azimuth, elevation) = match self {
             Self::Front => (0.0, 0.0),

@@ -28,10 +28,8 @@ const UNREAD: &str = "files that it names, which could not be read";
 const LEFT_OUT: u8 = 65;
 
 /// Looks at two folders, old and new.
-///
-/// # Errors
-/// [`Error::Missing`] if neither has a scene; [`Error::Usage`] for `--page`; [`Error::Interrupted`]. Errors of single scenes are in
-/// the JSON and in the lines, and decide the exit code.
+/// Errors: [`Error::Missing`] if neither has a scene; [`Error::Usage`] for `--page`; [`Error::Interrupted`]. Errors of
+/// single scenes are in the JSON and in the lines, and decide the exit code.
 pub fn look(args: &LookArgs, folders: [&Path; 2], paths: &mut Paths, stop: &AtomicBool) -> Result<Looked> {
     if args.page.is_some() {
         return Err(Error::Usage("--page shows one pair of scenes, not two folders of them".into()));

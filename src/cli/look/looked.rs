@@ -7,13 +7,10 @@ use super::sheet::Sheet;
 use super::shots::Shot;
 use crate::console::Verdict;
 
-/// What `look` has found.
 pub struct Looked {
-    /// The contact sheet.
     pub sheet: Sheet,
     /// The views, frame by frame; of a pair the old ones, then the new ones; none of folders.
     pub shots: Vec<Shot>,
-    /// The JSON document.
     pub report: Value,
     /// What a person should read besides the sheet, line by line.
     pub lines: Vec<String>,
@@ -23,5 +20,4 @@ pub struct Looked {
     pub page: Option<Markup>,
 }
 
-/// Version of the JSON document.
 pub const SCHEMA: u32 = 1;

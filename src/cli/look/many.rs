@@ -49,12 +49,10 @@ impl One {
     }
 }
 
-/// The name of a scene's file.
 fn name_of(scene: &Path) -> String {
     scene.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// Looks at a scene.
 pub fn one(args: &LookArgs, scene: &Path, paths: &mut Paths, stop: &AtomicBool) -> Result<Looked> {
     let One { contents, columns, cells, shots, mut report, lines } = One::look(args, scene, &args.views, paths, stop)?;
     let size = [args.size.0, args.size.1];
@@ -66,9 +64,7 @@ pub fn one(args: &LookArgs, scene: &Path, paths: &mut Paths, stop: &AtomicBool) 
 }
 
 /// Looks at three scenes or more.
-///
-/// # Errors
-/// [`Error::Interrupted`]. Errors of single scenes are in the JSON and in the lines, and decide the exit code.
+/// Errors: [`Error::Interrupted`]. Errors of single scenes are in the JSON and in the lines, and decide the exit code.
 pub fn look(args: &LookArgs, paths: &mut Paths, stop: &AtomicBool) -> Result<Looked> {
     let views = if args.views.is_empty() { &[Direction::ThreeQuarters] } else { &args.views[..] };
     let (mut cells, mut shots, mut lines) = (Vec::new(), Vec::new(), Vec::new());

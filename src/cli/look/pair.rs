@@ -145,7 +145,6 @@ impl Pair {
     }
 }
 
-/// A sphere around two.
 fn around(a: Sphere, b: Sphere) -> Sphere {
     let apart = a.0.distance(b.0);
     // One that holds the other is the answer: equal scenes keep their framing. So is the other of a scene without extent.

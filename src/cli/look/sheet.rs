@@ -66,9 +66,7 @@ impl Sheet {
     }
 
     /// Writes the sheet; the name's ending chooses the format.
-    ///
-    /// # Errors
-    /// [`Error::Usage`](crate::Error::Usage) for another ending; those of [`claim`] and of writing files.
+    /// Errors: [`Error::Usage`](crate::Error::Usage) for another ending; those of [`claim`] and of writing files.
     pub fn write(&self, path: &Path) -> Result<()> {
         check_ending("the sheet", path, &preview::ENDINGS)?;
         let _claim = claim(path)?;
@@ -76,9 +74,7 @@ impl Sheet {
     }
 
     /// The sheet as a PNG.
-    ///
-    /// # Errors
-    /// [`Error::Bug`](crate::Error::Bug) if the encoder fails.
+    /// Errors: [`Error::Bug`](crate::Error::Bug) if the encoder fails.
     pub fn png(&self) -> Result<Vec<u8>> {
         preview::encoded(self.size[0], self.size[1], &self.bytes)
     }

@@ -26,7 +26,6 @@ pub type Sphere = (DVec3, f64);
 pub struct Subject {
     request: RenderRequest,
     inputs: Inputs,
-    /// What is in it.
     pub contents: Contents,
     /// The sphere around it, over the whole animation if one is played.
     pub sphere: Sphere,
@@ -62,9 +61,7 @@ impl Subject {
     }
 
     /// Renders the views, frame by frame, around `sphere`.
-    ///
-    /// # Errors
-    /// Those of the import and of the build; [`Error::Interrupted`] soon after `stop` is raised.
+    /// Errors: Those of the import and of the build; [`Error::Interrupted`] soon after `stop` is raised.
     pub fn shots(
         &mut self,
         views: &[Direction],
@@ -118,7 +115,6 @@ impl Subject {
     }
 }
 
-/// A view of a scene.
 pub struct Shot {
     view: Direction,
     frame: Option<u32>,
@@ -155,8 +151,7 @@ impl Shot {
         View::Agx.apply([r, g, b].map(|x| x / alpha.max(f32::MIN_POSITIVE)), exposure)
     }
 
-    /// Do both views have the same bits?
-    pub fn has_bits_of(&self, other: &Self) -> bool {
+    pub(crate) fn has_bits_of(&self, other: &Self) -> bool {
         let bits = |shot: &Self| shot.pixels.as_flattened().iter().map(|x| x.to_bits()).collect::<Vec<_>>();
         bits(self) == bits(other)
     }
@@ -188,7 +183,7 @@ impl Shot {
 }
 
 /// BLAKE3 of all views in order: of each the linear premultiplied RGBA, 32-bit floats, little-endian, row by row; hexadecimal.
-pub fn hash_of(shots: &[Shot]) -> String {
+pub(crate) fn hash_of(shots: &[Shot]) -> String {
     let mut hasher = blake3::Hasher::new();
     for some in shots.iter().flat_map(|shot| shot.pixels.chunks(4096)) {
         hasher.update(&some.as_flattened().iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<_>>());
@@ -197,7 +192,7 @@ pub fn hash_of(shots: &[Shot]) -> String {
 }
 
 /// The exposure in stops of all views together, by what they show of surfaces.
-pub fn exposure_of<'a>(shots: impl Iterator<Item = &'a Shot>) -> f32 {
+pub(crate) fn exposure_of<'a>(shots: impl Iterator<Item = &'a Shot>) -> f32 {
     let mut shots = shots.peekable();
     let width = shots.peek().map_or(0, |shot| shot.size[0] as usize);
     // What shows no surface does not count.

@@ -72,11 +72,10 @@ pub struct RenderArgs {
 
 impl RenderArgs {
     /// Whether the command renders many pictures: frames or views.
-    pub fn is_sequence(&self) -> bool {
+    pub(crate) fn is_sequence(&self) -> bool {
         self.sequence().is_some()
     }
 
-    /// Path of the picture.
     pub fn output(&self) -> PathBuf {
         self.output.clone().unwrap_or_else(|| {
             let mut name = self.scene.file_stem().unwrap_or("bismar".as_ref()).to_owned();
@@ -87,9 +86,6 @@ impl RenderArgs {
     }
 
     /// What the command asks for; of a sequence, what its pictures have in common.
-    ///
-    /// # Errors
-    /// Those of [`Self::check`].
     pub fn request(&self) -> Result<RenderRequest> {
         self.check()?;
         let (scene, output, part) = (self.scene.clone(), self.output(), self.part_flag.map(|flag| flag.part));
@@ -103,19 +99,14 @@ impl RenderArgs {
     }
 
     /// The command as a job.
-    ///
-    /// # Errors
-    /// Those of [`Self::check`].
     pub fn job(&self, name: String) -> Result<Job> {
         Ok(Job { name, request: self.request()?, sequence: self.sequence(), ..Job::default() })
     }
 
     /// The same command with `--path-mapping` applied to its paths, and with the number of the part in the names of its
     /// outputs if the part is chosen by the scheduler.
-    ///
-    /// # Errors
-    /// Those of [`PathMapping::read`]; [`Error::Usage`] if a name has no place for the number of the part.
-    pub fn on_this_machine(&self) -> Result<Self> {
+    /// Errors: Those of [`PathMapping::read`]; [`Error::Usage`] if a name has no place for the number of the part.
+    pub(crate) fn on_this_machine(&self) -> Result<Self> {
         let mut args = self.clone();
         if let Some(preset) = self.request.preset {
             if preset.denoises() && self.part_flag.is_none() && Denoiser::load().is_ok() {
@@ -146,7 +137,7 @@ impl RenderArgs {
 
     /// Whether the scene is `-`, standard input. It is then named so in what people read, and no header says how to render it
     /// again.
-    pub fn takes_standard_input(&mut self) -> bool {
+    pub(crate) fn takes_standard_input(&mut self) -> bool {
         let takes = self.is_dash() && !self.signals_from_parent;
         if takes {
             self.output.get_or_insert("bismar.exr".into());
@@ -176,7 +167,7 @@ impl RenderArgs {
     }
 
     /// A flag that is given, but is for the tasks of a farm to set.
-    pub fn of_farm(&self) -> Option<&'static str> {
+    pub(crate) fn of_farm(&self) -> Option<&'static str> {
         let RenderRequest { resume, on_checkpoint, .. } = &self.request;
         let flags = [
             ("--part", self.part_flag.is_some()),
@@ -190,7 +181,7 @@ impl RenderArgs {
     }
 
     /// A command that renders many pictures, as one job, and the folders below which they are written.
-    pub fn job_and_folders(&self) -> Result<(Job, Vec<PathBuf>)> {
+    pub(crate) fn job_and_folders(&self) -> Result<(Job, Vec<PathBuf>)> {
         self.check()?;
         let args = self.on_this_machine()?;
         // For the exit code of a file that is missing or wrong.

@@ -9,9 +9,7 @@ use crate::render::{RenderSettings, Technique, replay};
 use crate::{Error, Result};
 
 /// Prints the paths of a pixel.
-///
-/// # Errors
-/// [`Error::Usage`] for a pixel or path outside of the picture; those of loading the scene.
+/// Errors: [`Error::Usage`] for a pixel or path outside of the picture; those of loading the scene.
 pub fn run(request: &RenderRequest, pixel_path: PixelPath) -> Result<Verdict> {
     let inputs = Inputs::read(request)?;
     let loaded = Loaded::load(request, &inputs, &|_, _| true)?;

@@ -8,13 +8,12 @@ type Parsed<T> = std::result::Result<T, String>;
 /// Value of `--part`: K/N; or `auto` or `auto/N`, for the part of this task of an array.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PartFlag {
-    /// The part.
     pub part: Part,
     /// Whether the scheduler chose it, so that all parts have one command.
     pub is_auto: bool,
 }
 
-pub fn part_flag(text: &str) -> Parsed<PartFlag> {
+pub(crate) fn part_flag(text: &str) -> Parsed<PartFlag> {
     match text.strip_prefix("auto") {
         Some(rest) => array_task().and_then(|task| part_of(task, rest)).map(|part| PartFlag { part, is_auto: true }),
         None => text.parse().map(|part| PartFlag { part, is_auto: false }),
@@ -43,7 +42,7 @@ pub struct PixelPath {
     pub path: Option<u32>,
 }
 
-pub fn pixel_path(text: &str) -> Parsed<PixelPath> {
+pub(crate) fn pixel_path(text: &str) -> Parsed<PixelPath> {
     let numbers: Option<Vec<u32>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
     match numbers.as_deref() {
         Some(&[x, y]) => Ok(PixelPath { pixel: [x, y], path: None }),

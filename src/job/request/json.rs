@@ -36,10 +36,7 @@ impl RenderRequest {
     }
 
     /// Serializes [`Self::entries`].
-    ///
-    /// # Errors
-    /// Those of the serializer.
-    pub fn serialize_entries<S: Serializer>(&self, to: S) -> std::result::Result<S::Ok, S::Error> {
+    pub(crate) fn serialize_entries<S: Serializer>(&self, to: S) -> std::result::Result<S::Ok, S::Error> {
         self.entries().map_err(S::Error::custom)?.serialize(to)
     }
 
@@ -89,7 +86,7 @@ pub fn argument((name, value): &(String, Option<String>)) -> String {
 }
 
 /// The header attribute: options that decide what is in the picture, by names of flags, as JSON.
-pub const ATTRIBUTE: &str = "bismar.command";
+const ATTRIBUTE: &str = "bismar.command";
 
 impl RenderRequest {
     /// What decides what is in the picture. Nothing else is written into a header, or read from one: it may be of somebody else.

@@ -89,7 +89,7 @@ impl SceneSelection {
     }
 
     /// Whether a time of the animations is given.
-    pub fn is_posed(&self) -> bool {
+    pub(crate) fn is_posed(&self) -> bool {
         self.pose.is_some() || self.frame.is_some()
     }
 

@@ -20,7 +20,7 @@ pub fn finite(text: &str) -> Parsed<f32> {
     text.parse().ok().filter(|x: &f32| x.is_finite()).ok_or("not a number".into())
 }
 
-pub fn not_negative(text: &str) -> Parsed<f32> {
+pub(crate) fn not_negative(text: &str) -> Parsed<f32> {
     finite(text).ok().filter(|x| *x >= 0.0).ok_or("not a number of 0 or more".into())
 }
 
@@ -164,7 +164,7 @@ impl Preset {
     }
 
     /// Whether it denoises where Open Image Denoise is installed.
-    pub fn denoises(self) -> bool {
+    pub(crate) fn denoises(self) -> bool {
         self != Self::Final
     }
 }
@@ -188,18 +188,18 @@ pub fn share(text: &str) -> Parsed<f64> {
 }
 
 /// Parser of `--light-radius`.
-pub fn light_radius(text: &str) -> Parsed<f32> {
+pub(crate) fn light_radius(text: &str) -> Parsed<f32> {
     not_negative(text).ok().filter(|x| *x <= MAX_RADIUS).ok_or(format!("not metres from 0 to {MAX_RADIUS:e}"))
 }
 
 /// Parser of `--env-strength`.
-pub fn env_strength(text: &str) -> Parsed<f32> {
+pub(crate) fn env_strength(text: &str) -> Parsed<f32> {
     let most = Environment::MAX_STRENGTH;
     not_negative(text).ok().filter(|x| *x <= most).ok_or(format!("not a number from 0 to {most:e}"))
 }
 
 /// Parser of `--sun-angle`.
-pub fn sun_angle(text: &str) -> Parsed<f32> {
+pub(crate) fn sun_angle(text: &str) -> Parsed<f32> {
     not_negative(text).ok().filter(|x| *x <= 180.0).ok_or("not degrees from 0 to 180".into())
 }
 
@@ -245,7 +245,7 @@ pub fn crop(text: &str) -> Parsed<[u32; 4]> {
 }
 
 /// AOVs separated by commas, or `all`, or `none`.
-pub fn aov_list(text: &str) -> Parsed<Vec<Aov>> {
+pub(crate) fn aov_list(text: &str) -> Parsed<Vec<Aov>> {
     let one = |name: &str| {
         let name = name.trim();
         Aov::ALL.into_iter().find(|aov| aov.name() == name).ok_or_else(|| {

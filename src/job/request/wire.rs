@@ -59,7 +59,6 @@ impl From<AnyPath> for PathBuf {
     }
 }
 
-/// Paths.
 pub mod path {
     use super::*;
 

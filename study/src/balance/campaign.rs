@@ -17,8 +17,8 @@ use crate::files;
 /// First seed of each use; ranges do not overlap.
 pub(super) mod seeds {
     pub const REPLICAS: u32 = 0;
-    pub const CONTROL: u32 = 1 << 20;
-    pub const REFERENCE: u32 = 4 << 20;
+    pub(crate) const CONTROL: u32 = 1 << 20;
+    pub(crate) const REFERENCE: u32 = 4 << 20;
 
     pub const ALL: [(&str, u32); 3] = [("replicas", REPLICAS), ("control", CONTROL), ("reference", REFERENCE)];
 }
@@ -28,7 +28,6 @@ const TIMING_ROUNDS: usize = 4;
 /// Seconds between two writes of unfinished cells.
 const SAVE_SECONDS: f64 = 60.0;
 
-/// Measurement of one scene.
 pub(super) struct Campaign<'a> {
     scene: &'a StudyScene,
     design: &'a Design,

@@ -21,7 +21,6 @@ pub struct Times {
     pub allocation: Option<f64>,
 }
 
-/// Result of a pre-pass of guiding.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Prepass {
     pub on: bool,
@@ -83,8 +82,7 @@ impl Cell {
         self.paths.get(replica * self.pixels..).map_or(&[], |rest| &rest[..self.pixels])
     }
 
-    /// Each pixel's mean share over the replicas.
-    pub fn mean_shares(&self) -> Vec<f32> {
+    pub(crate) fn mean_shares(&self) -> Vec<f32> {
         let mut mean = vec![0.0; self.pixels];
         for r in 0..self.replicas() {
             mean.iter_mut().zip(self.shares_of(r)).for_each(|(m, s)| *m += s / self.replicas() as f32);
@@ -103,7 +101,7 @@ impl Cell {
 
     /// Medians over the first replicas: CPU seconds of all threads, CPU time over that of `half` in the same round; and the
     /// standard error of the latter.
-    pub fn timing(&self, replicas: usize) -> [f64; 3] {
+    pub(crate) fn timing(&self, replicas: usize) -> [f64; 3] {
         let times = &self.times[..replicas];
         let cpu = times.iter().map(|t| t.cpu).collect::<Vec<_>>();
         let to_half = times.iter().filter_map(|t| Some(t.cpu / t.half_cpu?)).collect::<Vec<_>>();

@@ -12,7 +12,7 @@ use super::key::{Key, What, keys};
 use super::{Design, StudyScene};
 
 /// Independent renders that make up the reference.
-pub const REFERENCE_PARTS: u32 = 16;
+const REFERENCE_PARTS: u32 = 16;
 
 pub struct Measured {
     pub reference: Cell,

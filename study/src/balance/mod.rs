@@ -137,10 +137,10 @@ impl Estimator {
     }
 
     /// Are its paths guided where that pays?
-    pub fn is_guided(self) -> bool {
+    fn is_guided(self) -> bool {
         self.parts().1[Technique::Guiding] != Choice::Off
     }
 }
 
 /// The control's name: `half` with other seeds.
-pub const CONTROL: &str = "half-again";
+pub(crate) const CONTROL: &str = "half-again";

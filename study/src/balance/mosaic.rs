@@ -45,12 +45,10 @@ impl Mosaic {
         (self.size[0] * self.size[1]) as usize
     }
 
-    /// Whether it covers a whole picture.
     pub fn is_whole(&self) -> bool {
         self.size == self.picture
     }
 
-    /// Number of the tile in its middle.
     pub fn middle(&self) -> usize {
         let columns = self.columns() as usize;
         let rows = self.tiles.len() / columns;
@@ -62,7 +60,7 @@ impl Mosaic {
     }
 
     /// Indices of the measured pixels of tile `number`, row by row: in the mosaic, and in the tile.
-    pub fn pixels_of(&self, number: usize) -> impl Iterator<Item = (usize, usize)> {
+    pub(crate) fn pixels_of(&self, number: usize) -> impl Iterator<Item = (usize, usize)> {
         let ([width, height], tile) = (self.size, number as u32);
         let (x0, y0) = (tile % self.columns() * TILE, tile / self.columns() * TILE);
         let side = TILE.min(self.picture[0] - self.tiles[number][0] * TILE);

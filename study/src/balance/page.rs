@@ -36,7 +36,6 @@ fn page(design: &Design, scenes: &[SceneResults]) -> Page {
     page
 }
 
-/// Columns of [`Row`].
 const COLUMNS: &str = "estimator rel_mse cpu_seconds inverse_efficiency time_ratio ratio<1 ratio_of_means<1 \
                        equal_time_ratio<1 worse_surely p50 worst_held_out bias_z";
 
@@ -96,7 +95,6 @@ fn maps(design: &Design, outcome: &Outcome) -> [Markup; 2] {
     [share_map(size, &outcome.shares, name), map_figure(size, RATIO, ratios.into_iter(), &caption)]
 }
 
-/// A map of light shares.
 pub(super) fn share_map(size: [u32; 2], shares: &[f32], name: &str) -> Markup {
     const SHARE: (ColorScale, [&str; 3]) = (ColorScale::Share, ["0: BSDF alone", "½", "1: light alone"]);
     let shares = shares.iter().map(|&s| f64::from(s));

@@ -6,9 +6,9 @@ use rayon::prelude::*;
 use super::cell::Cell;
 
 /// A pixel is worse when its variance ratio is above this.
-pub const WORSE: f64 = 1.05;
+const WORSE: f64 = 1.05;
 /// Expected false discovery rate among the pixels that are surely worse.
-pub const FALSE_DISCOVERIES: f64 = 0.05;
+const FALSE_DISCOVERIES: f64 = 0.05;
 
 /// Replicas about their mean, weighted as relMSE weighs: 1/√(3 (reference² + 0.01)) a channel, so that a pixel's sum of
 /// squares over R − 1 is its contribution to relMSE.
@@ -47,12 +47,11 @@ impl Deviations {
         &self.values[pixel * self.replicas..][..self.replicas]
     }
 
-    pub fn variance_of_all(&self, pixel: usize) -> f64 {
+    pub(crate) fn variance_of_all(&self, pixel: usize) -> f64 {
         self.pixel(pixel).iter().map(|y| y[3]).sum::<f64>() / (self.replicas - 1) as f64
     }
 }
 
-/// A pixel's variance ratio.
 #[derive(Debug, Clone, Copy)]
 pub struct Ratio {
     pub pixel: usize,
@@ -170,7 +169,7 @@ pub fn mean(ratios: &[Ratio]) -> f64 {
 /// The pixels that are worse beyond what noise explains: their z above [`WORSE`] is beyond what the control's ratios
 /// (whose true value is 1) show, with at most [`FALSE_DISCOVERIES`] of wrong finds expected (Benjamini and Hochberg 1995,
 /// with the control's z as the null distribution).
-pub fn surely_worse<'a>(ratios: &'a [Ratio], control: &[Ratio]) -> Vec<&'a Ratio> {
+pub(crate) fn surely_worse<'a>(ratios: &'a [Ratio], control: &[Ratio]) -> Vec<&'a Ratio> {
     // The control's ratio is as good upside down.
     let mut null = control.iter().map(|r| r.z(1.0).abs()).collect::<Vec<_>>();
     null.sort_by(f64::total_cmp);
@@ -188,7 +187,7 @@ pub fn surely_worse<'a>(ratios: &'a [Ratio], control: &[Ratio]) -> Vec<&'a Ratio
 
 /// The pixels that look worst in one half of the replicas, judged by the other half: the geometric mean of their ratios
 /// there, averaged over both ways round, and its standard error. What noise alone made worst is 1 there.
-pub fn worst_held_out(own: &Deviations, base: &Deviations, pixels: &[usize], share: f64) -> Option<(f64, f64)> {
+pub(crate) fn worst_held_out(own: &Deviations, base: &Deviations, pixels: &[usize], share: f64) -> Option<(f64, f64)> {
     let half = own.replicas() / 2;
     let log_ratio = |pixel: usize, first: bool| {
         let range = if first { 0..half } else { half..own.replicas() };

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::ratio::{Deviations, Ratio};
 use crate::statistics::{mean_of, median, moments};
 
-pub const RESAMPLES: u32 = 200;
+const RESAMPLES: u32 = 200;
 
 /// Summary of a picture's ratios: their mean, the mean variance over the other's mean variance, and their median.
 pub type Summary = [f64; 3];
@@ -23,7 +23,7 @@ pub fn summary(own: &Deviations, base: &Deviations, ratios: &[Ratio]) -> Summary
 
 /// Standard errors of the summary: its standard deviation over resampled replicas, drawn for both alike (their replicas
 /// share seeds).
-pub fn standard_errors(own: &Deviations, base: &Deviations, ratios: &[Ratio]) -> Summary {
+pub(crate) fn standard_errors(own: &Deviations, base: &Deviations, ratios: &[Ratio]) -> Summary {
     let n = own.replicas();
     let draw = |b: u32| {
         let replica = |i: usize| hash(b ^ hash(i as u32 ^ 0x2545_f491)) as usize % n;

@@ -24,7 +24,6 @@ pub struct StudyScene {
 }
 
 impl StudyScene {
-    /// Reads and builds a scene.
     pub fn load(path: &Path, design: &Design) -> Result<Self> {
         let files = Files::open(path)?;
         let settings = RenderSettings {

@@ -17,7 +17,7 @@ use crate::provenance::Provenance;
 use crate::statistics::{farthest, mean_of, median, moments};
 
 /// Share of the pixels in the held-out worst.
-pub const WORST: f64 = 0.01;
+pub(crate) const WORST: f64 = 0.01;
 
 /// A line of the table. `_se` is a standard error.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -63,13 +63,11 @@ pub struct Outcome {
     pub row: Row,
     /// `None` for the control.
     pub estimator: Option<Estimator>,
-    /// Per-pixel ratios to `half`.
     pub ratios: Vec<Ratio>,
     /// Each pixel's mean share of light samples.
     pub shares: Vec<f32>,
 }
 
-/// The results of a scene.
 pub struct SceneResults {
     pub name: String,
     /// From the fewest samples up.

@@ -107,7 +107,6 @@ impl SceneResults {
 struct Truth<'a> {
     reference: &'a [f64],
     parts: &'a Cell,
-    /// relMSE of the reference.
     own_error: f64,
 }
 

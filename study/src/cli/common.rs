@@ -25,7 +25,6 @@ pub(super) struct RunArgs {
 }
 
 impl RunArgs {
-    /// The reporter of progress.
     pub(super) fn reporter(&self, verbosity: Verbosity) -> Reporter {
         Reporter::new(self.progress, verbosity.quiet)
     }

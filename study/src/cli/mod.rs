@@ -35,7 +35,6 @@ enum Study {
     Man(ManArgs),
 }
 
-/// Runs the program with the process's arguments.
 pub fn run() -> ExitCode {
     console::run(
         |cli: &Cli| cli.verbosity,

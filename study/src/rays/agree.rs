@@ -10,7 +10,6 @@ use super::replay::{self, Sink};
 use super::stream::{Kind, Query, Stream};
 use crate::statistics::mean_of;
 
-/// Why two answers differ.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Class {
     /// Equal up to rounding.
@@ -50,15 +49,13 @@ impl Answers {
         Self(stream.queries.iter().map(answer).collect())
     }
 
-    /// Share of the rays that hit something.
-    pub fn hit_share(&self) -> f64 {
+    pub(crate) fn hit_share(&self) -> f64 {
         let hits = self.0.iter().flat_map(|(hits, _)| hits.t.iter().map(|t| t.is_finite()));
         let occluded = self.0.iter().flat_map(|(_, occluded)| occluded.iter().copied());
         mean_of(hits.chain(occluded).map(|hit| f64::from(u8::from(hit))))
     }
 }
 
-/// Judges answers on a scene.
 pub struct Judge<'a> {
     scene: &'a Scene,
     /// [`Scene::has_alpha`] of each mesh.

@@ -50,7 +50,7 @@ const OBVHS: &Words<ObvhsOptions> = &[
     ("own-test", |o| o.test = TriangleTest::Obvhs),
 ];
 /// Instruction sets that Embree can be held to.
-pub const ISAS: [&str; 4] = ["sse2", "sse4.2", "avx", "avx2"];
+pub(crate) const ISAS: [&str; 4] = ["sse2", "sse4.2", "avx", "avx2"];
 
 /// The options of a name's words.
 fn options<'a, O: Default>(all: &Words<O>, words: impl Iterator<Item = &'a str>) -> std::result::Result<O, String> {
@@ -97,7 +97,7 @@ const QUICK_LIST: &str = "embree+low,embree+high,embree+single,obvhs+fastest,obv
 
 impl Contender {
     /// The baseline: the options of `--rays embree`.
-    pub fn baseline() -> Self {
+    pub(crate) fn baseline() -> Self {
         Self::Embree(EmbreeOptions::default())
     }
 
@@ -137,7 +137,7 @@ impl Contender {
     }
 
     /// Limits Embree to an instruction set, unless it is limited to another one.
-    pub fn held_to(mut self, isa: Option<&'static str>) -> Self {
+    pub(crate) fn held_to(mut self, isa: Option<&'static str>) -> Self {
         if let Self::Embree(options) = &mut self {
             options.isa = options.isa.or(isa);
         }

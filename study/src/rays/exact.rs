@@ -66,17 +66,17 @@ impl Plane {
     }
 
     /// Whether the ray is within rounding of an edge.
-    pub fn at_edge(&self) -> bool {
+    pub(crate) fn at_edge(&self) -> bool {
         self.inside() <= self.weight_error
     }
 
     /// Whether the intersection is within rounding of either end of the ray's interval.
-    pub fn at_end(&self, ray: &ExactRay) -> bool {
+    pub(crate) fn at_end(&self, ray: &ExactRay) -> bool {
         self.t <= ray.tnear + self.t_error || self.t >= ray.tfar - self.t_error
     }
 
     /// Whether within rounding a hit is possible, and a backend's hit is the exact one.
-    pub fn explains(&self, hit: &Hit, ray: &ExactRay) -> bool {
+    pub(crate) fn explains(&self, hit: &Hit, ray: &ExactRay) -> bool {
         let (e, te) = (self.weight_error, self.t_error);
         let possible = self.inside() >= -e && self.t >= ray.tnear - te && self.t <= ray.tfar + te;
         let [t, u, v] = hit.at.map(f64::from);

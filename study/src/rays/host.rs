@@ -11,7 +11,6 @@ use serde::Serialize;
 
 use crate::provenance::Machine;
 
-/// The machine that measured.
 #[derive(Debug, Clone, Serialize)]
 pub struct Host {
     pub machine: String,

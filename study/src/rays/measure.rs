@@ -23,7 +23,7 @@ use crate::clock::{process_seconds, thread_seconds};
 use crate::statistics::{farthest, median, median_error, robust_deviation};
 
 /// The control's name: the baseline, built a second time.
-pub const CONTROL: &str = "embree (again)";
+pub(crate) const CONTROL: &str = "embree (again)";
 /// Builds that together take less are made again for each round.
 const AGAIN_SECONDS: f64 = 0.4;
 /// Builds are repeated for about so long, this often at most.

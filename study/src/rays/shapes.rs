@@ -20,7 +20,6 @@ pub struct Shape {
 /// A kind of triangles by its name, and what makes so many of them.
 type Kind = (&'static str, fn(u32) -> Triangles);
 
-/// Kinds of triangles in generated scenes.
 const KINDS: [Kind; 3] = [
     // A bumpy ball on a ground: small, well-shaped triangles that touch.
     ("sphere", sphere),

@@ -15,7 +15,6 @@ use glam::{Vec3, Vec4};
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
     Closest,
-    /// Any hit.
     Occluded,
 }
 
@@ -73,7 +72,6 @@ impl RayQueries for Recorder<'_> {
     }
 }
 
-/// Batches of one kind.
 #[derive(Debug, Clone)]
 pub struct Stream {
     pub name: String,

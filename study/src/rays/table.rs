@@ -129,7 +129,7 @@ impl Agreement {
 }
 
 /// |z| of a picture's mean above which pictures differ. False alarms: one in thirty studies of a thousand pictures.
-pub const MAX_Z: f64 = 5.0;
+const MAX_Z: f64 = 5.0;
 
 impl Results {
     /// Nothing yet, measured on `host`.
@@ -155,7 +155,7 @@ impl Results {
     }
 
     /// Pictures that differ by more than noise.
-    pub fn differing_pictures(&self) -> usize {
+    pub(crate) fn differing_pictures(&self) -> usize {
         self.pictures.iter().filter(|p| p.bias_z.abs() > MAX_Z).count()
     }
 

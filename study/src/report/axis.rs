@@ -48,12 +48,12 @@ impl Axis {
         if value.is_nan() { None } else { self.position(value.clamp(self.low, self.high)) }
     }
 
-    pub fn is_log(&self) -> bool {
+    pub(crate) fn is_log(&self) -> bool {
         self.scale == Scale::Log
     }
 
     /// Values to write at the axis, rising, three to eight.
-    pub fn ticks(&self) -> Vec<f64> {
+    pub(crate) fn ticks(&self) -> Vec<f64> {
         let within = |v: &f64| (self.low..=self.high).contains(v);
         if self.scale == Scale::Log {
             let (first, last) = (self.low.log10().floor() as i32, self.high.log10().ceil() as i32);
@@ -79,7 +79,7 @@ impl Axis {
     }
 }
 
-pub fn tick_text(value: f64) -> String {
+pub(crate) fn tick_text(value: f64) -> String {
     let text = match value.abs() {
         0.0 => "0".to_owned(),
         a if (1e-3..1e5).contains(&a) => {

@@ -15,7 +15,7 @@ pub use picture::ColorScale;
 pub use table::{Cell, Columns, Table, Tone};
 
 /// "s" unless there is one.
-pub fn plural(n: usize) -> &'static str {
+pub(crate) fn plural(n: usize) -> &'static str {
     if n == 1 { "" } else { "s" }
 }
 
@@ -40,7 +40,7 @@ pub fn number(x: f64) -> String {
 
 /// A number with its standard error, both to the error's second digit; three decimals at most, five below 0.1,
 /// each as [`number`] below 0.001.
-pub fn with_error(x: f64, error: f64) -> String {
+pub(crate) fn with_error(x: f64, error: f64) -> String {
     let size = x.abs().max(error);
     if !x.is_finite() || !error.is_finite() || error >= 1e4 || (size > 0.0 && size < 1e-3) {
         return format!("{} ± {}", number(x), number(error));

@@ -54,7 +54,6 @@ addEventListener('resize',look);document.querySelectorAll('details').forEach(d=>
 /// A chart by the name of its file, with its caption.
 pub type Figure = (String, Markup, &'static str);
 
-/// A page under way.
 #[derive(Debug)]
 pub struct Page {
     title: String,
@@ -83,7 +82,6 @@ impl Page {
         self.links.push((id, title.to_owned()));
     }
 
-    /// A heading inside of a part.
     pub fn heading(&mut self, title: &str) {
         self.add(html! { h3 { (title) } });
     }
@@ -108,7 +106,6 @@ impl Page {
         self.charts.push((name, svg));
     }
 
-    /// Charts side by side.
     pub fn charts(&mut self, charts: impl IntoIterator<Item = Figure>) {
         let mut figures = Vec::new();
         for (name, svg, caption) in charts {
@@ -119,7 +116,7 @@ impl Page {
     }
 
     /// Parts that only some readers want.
-    pub fn details(&mut self, summary: &str, fill: impl FnOnce(&mut Page)) {
+    pub(crate) fn details(&mut self, summary: &str, fill: impl FnOnce(&mut Page)) {
         let before = std::mem::take(&mut self.content);
         fill(self);
         let inside = PreEscaped(std::mem::replace(&mut self.content, before));
@@ -174,7 +171,7 @@ fn figure(class: &str, content: Markup, caption: &str) -> Markup {
 }
 
 /// A value a pixel in false colours with what they mean: words at the low end, in the middle and at the high end.
-pub fn map_figure(
+pub(crate) fn map_figure(
     size: [u32; 2],
     (scale, words): (ColorScale, [&str; 3]),
     values: impl Iterator<Item = f64>,

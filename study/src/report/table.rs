@@ -6,7 +6,6 @@ use serde_json::Value;
 
 use super::{number, with_error};
 
-/// Emphasis of a cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Tone {
     Plain,
@@ -30,7 +29,7 @@ impl Tone {
     }
 
     /// Good where a ratio is above 1 by more than two standard errors, bad where it is below.
-    pub fn above_one(ratio: f64, error: f64) -> Self {
+    pub(crate) fn above_one(ratio: f64, error: f64) -> Self {
         Self::below_one(2.0 - ratio, error)
     }
 
@@ -76,7 +75,6 @@ impl From<f64> for Cell {
     }
 }
 
-/// Empty for `None`.
 impl<T: Into<Cell>> From<Option<T>> for Cell {
     fn from(cell: Option<T>) -> Self {
         cell.map_or_else(|| "".into(), T::into)
@@ -105,7 +103,7 @@ impl Table {
 
     /// The named fields of rows as files have them, each with its standard error where there is a field `NAME_se`. `NAME<1`
     /// is a ratio that is good below 1, `NAME>1` one that is good above it.
-    pub fn of_fields<R: Serialize>(rows: &[R], fields: &str) -> Self {
+    pub(crate) fn of_fields<R: Serialize>(rows: &[R], fields: &str) -> Self {
         let fields = fields.split_whitespace().map(|field| (field, field.split(['<', '>']).next().unwrap_or(field)));
         let cell = |row: &Value, (field, name): (&str, &str)| -> Cell {
             let value = &row[name];
@@ -127,7 +125,6 @@ impl Table {
         }
     }
 
-    /// Adds a row at the end.
     pub fn push(&mut self, row: impl IntoIterator<Item = Cell>) {
         self.rows.push(row.into_iter().collect());
     }
@@ -174,7 +171,7 @@ impl Table {
         lines.iter().map(line).collect()
     }
 
-    pub fn markdown(&self) -> String {
+    pub(crate) fn markdown(&self) -> String {
         let cell = |text: &str| text.replace('|', "\\|");
         let line = |cells: Vec<String>| format!("| {} |\n", cells.join(" | "));
         let mut out = line(self.columns.iter().map(|c| cell(&c.0)).collect());
@@ -200,7 +197,7 @@ impl<'a, R> Columns<'a, R> {
     }
 
     /// Makes the cells so far of some rows faint.
-    pub fn faint(mut self, faint: impl Fn(&R) -> bool) -> Self {
+    pub(crate) fn faint(mut self, faint: impl Fn(&R) -> bool) -> Self {
         for (row, _) in self.table.rows.iter_mut().zip(self.of).filter(|(_, of)| faint(of)) {
             row.iter_mut().for_each(|cell| cell.tone = Tone::Faint);
         }

@@ -7,7 +7,6 @@ pub struct Case {
     pub mode: &'static str,
     /// In a few words.
     pub name: &'static str,
-    /// Description of the case.
     pub construct: &'static str,
     pub paths: u32,
     /// Largest variance ratio to `half` in any pixel and channel that counts as survived.
@@ -22,7 +21,7 @@ impl Case {
 }
 
 /// No pixel and channel may be worse than this, where a mode has no bar of its own.
-pub const BAR: f64 = 1.05;
+pub(crate) const BAR: f64 = 1.05;
 /// Paths a pixel, where a mode does not ask for another number.
 const PATHS: u32 = 64;
 
@@ -103,14 +102,14 @@ fn dim_and_bright() -> Domain {
 }
 
 /// The case in which the biased control must be caught.
-pub fn biased_control() -> Case {
+pub(crate) fn biased_control() -> Case {
     let construct = "a bright region that light samples find, a dim one for BSDF samples; 8 paths";
     let case = Case::new("F12", "a pixel's own pilot, reweighted", construct, Image::flat(&dim_and_bright()));
     Case { paths: 8, bar: f64::INFINITY, ..case }
 }
 
 /// The case in which the unsafe control must be caught.
-pub fn unsafe_control() -> Case {
+pub(crate) fn unsafe_control() -> Case {
     let name = "minimum of own samples without pseudo-observations";
     Case::new("F8", name, "partial support, as above", Image::flat(&rare()))
 }

@@ -14,7 +14,6 @@ use super::simulate::EQUAL_COST;
 pub struct Fact {
     /// F1 … F17, or none.
     pub mode: &'static str,
-    /// Description of the samples.
     pub shown: &'static str,
     /// Description of the correct share.
     pub right: &'static str,

@@ -21,7 +21,6 @@ pub fn z_limit(tests: usize) -> f64 {
     high
 }
 
-/// Verdict on an estimator in a mode.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Verdict {
@@ -35,7 +34,6 @@ pub enum Verdict {
     Wrong,
 }
 
-/// Measurements of an estimator in one mode.
 #[derive(Debug, Clone, Serialize)]
 pub struct Outcome {
     pub estimator: String,
@@ -43,7 +41,6 @@ pub struct Outcome {
     pub finite: bool,
     /// Largest |mean − truth| in standard errors, over pixels, channels and the picture's mean.
     pub z: f64,
-    /// Number of z-tests.
     pub tests: usize,
     /// Relative bias of the picture's mean.
     pub bias: f64,
@@ -188,7 +185,6 @@ impl Tally {
         (0..3).for_each(|c| self.picture[c].add(picture[c]));
     }
 
-    /// Adds another tally of the same image.
     pub fn join(mut self, other: &Self) -> Self {
         for (a, b) in [(&mut self.estimate, &other.estimate), (&mut self.variance, &other.variance)] {
             a.iter_mut().flatten().zip(b.iter().flatten()).for_each(|(a, b)| a.join(b));
@@ -228,6 +224,5 @@ pub struct Control {
     /// The check that must catch it.
     pub check: &'static str,
     pub outcome: Outcome,
-    /// Whether the check caught it.
     pub caught: bool,
 }

@@ -37,7 +37,6 @@ pub struct ModeResult {
     /// F1 … F34.
     pub mode: &'static str,
     pub name: &'static str,
-    /// Description of the case.
     pub construct: &'static str,
     /// Whether variances come from renders; otherwise they are exact.
     pub rendered: bool,
@@ -68,7 +67,6 @@ pub struct Results {
     pub replicas: u32,
     /// Largest |z| allowed of one test.
     pub z_limit: f64,
-    /// Number of z-tests.
     pub tests: usize,
     /// Upper bound of the probability of a false alarm in any test.
     pub false_alarm: f64,
@@ -89,7 +87,6 @@ impl Results {
         Self { replicas, z_limit, tests, false_alarm, modes, facts: Vec::new(), controls }
     }
 
-    /// Judges an estimator in a mode.
     pub fn verdict(&self, mode: &ModeResult, outcome: &Outcome) -> Verdict {
         outcome.verdict(mode.bar, self.z_limit)
     }
@@ -105,7 +102,6 @@ impl Results {
     }
 }
 
-/// Results of a run of the study.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct Found {
     /// F1 … F18, F24, F25, F34.

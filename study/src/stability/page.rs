@@ -134,7 +134,7 @@ fn command(found: &Found) -> String {
 }
 
 /// The tables for `docs`.
-pub fn markdown(found: &Found) -> String {
+pub(crate) fn markdown(found: &Found) -> String {
     let mut text = "# Failure modes\n".to_owned();
     text += &format!("\n    {}\n\nwrote this page; `make stability` copies it here.\n\n{LEAD}\n", command(found));
     for part in parts(found) {

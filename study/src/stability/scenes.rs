@@ -17,20 +17,17 @@ use rayon::prelude::*;
 use super::judge::Outcome;
 use super::renders::Renders;
 
-/// Pixels along a side.
 pub(super) const SIDE: u32 = 4;
-/// Number of [`scene_cases`].
-pub const SCENES: usize = 10;
+pub(crate) const SCENES: usize = 10;
 pub const PATHS: u32 = 64;
 /// First seed of the renders that estimate the true means.
-pub const OTHER_SEEDS: u32 = 1 << 30;
+pub(crate) const OTHER_SEEDS: u32 = 1 << 30;
 
 /// A failure mode on a scene.
 pub struct SceneCase {
     /// F1 … F18, F24 … F32, F34.
     pub mode: &'static str,
     pub name: &'static str,
-    /// Description of the scene.
     pub construct: &'static str,
     scene: PreparedScene<'static>,
     integrator: Integrator,
@@ -78,7 +75,7 @@ fn point_light(position: [f32; 3], size: f32) -> PunctualLight {
     }
 }
 
-pub fn scene_cases() -> Result<[SceneCase; SCENES]> {
+pub(crate) fn scene_cases() -> Result<[SceneCase; SCENES]> {
     let lit_from_infinity = || Scene { environment: Some(Environment::constant([0.4; 3])), ..Default::default() };
     let build = SceneCase::new;
     let mut caustic = Scene::default();

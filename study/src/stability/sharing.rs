@@ -13,11 +13,10 @@ use bismar::scene::{Environment, Material, Scene};
 use super::scenes::{Estimator, SIDE, SceneCase, ceiling, floor, plate};
 use super::{Results, rendered};
 
-/// Number of [`cases()`].
 const CASES: usize = 7;
 
 /// The fractions of paths that go on with which `auto` chooses groups, and all.
-pub fn estimators() -> [Estimator; 3] {
+pub(crate) fn estimators() -> [Estimator; 3] {
     let all = [4, 8, 16].map(|traced| Reuse { group: SIDE * SIDE, traced });
     all.map(|sizes| Estimator { name: sizes.to_string(), balance: Balance::Half, reuse: Some(sizes) })
 }

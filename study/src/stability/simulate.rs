@@ -109,7 +109,7 @@ pub fn replica(image: &Image, method: &dyn Method, paths: u32, random: &mut Spli
 }
 
 /// Samples of either technique cost the same here.
-pub const EQUAL_COST: Cost = Cost { fixed: 1.0, light: 1.0, bsdf: 1.0 };
+pub(crate) const EQUAL_COST: Cost = Cost { fixed: 1.0, light: 1.0, bsdf: 1.0 };
 
 #[derive(Debug, Clone, Default)]
 struct Sums {

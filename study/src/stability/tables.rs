@@ -80,7 +80,7 @@ pub(super) fn by_estimator<'a, C: Into<Cell>>(
 }
 
 /// The worst pixel and channel of each mode and estimator, and the number of failures of each estimator.
-pub fn survival(results: &Results) -> Table {
+pub(crate) fn survival(results: &Results) -> Table {
     let table = by_estimator(results, |m, o| match results.verdict(m, o) {
         verdict if m.misleads(o) && verdict != Verdict::Wrong => {
             faint(format!("{} (adversarial)", ratio(o.worst_ratio)))

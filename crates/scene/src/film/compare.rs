@@ -27,7 +27,7 @@ pub fn sums_without_outliers(mut pixels: Vec<[f64; 2]>) -> [f64; 2] {
 }
 
 /// The fraction of a standard normal distribution with |z| > 3.
-pub const NORMAL_BEYOND_3: f64 = 0.002_699_796;
+const NORMAL_BEYOND_3: f64 = 0.002_699_796;
 
 /// Errors of a picture A against a reference B. Means are over pixels and, unless they are arrays, over channels. Pixels where
 /// A or B is not finite are counted and left out.

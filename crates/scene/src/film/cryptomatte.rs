@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::header::{Header, HeaderValue};
 
 /// Number of names per pixel in the file: three layers of two.
-pub const RANKS: usize = 6;
+pub(crate) const RANKS: usize = 6;
 /// Number of names per pixel whose paths are counted exactly.
 pub const NAMES: usize = 64;
 

@@ -24,7 +24,6 @@ const NAMES: [&str; 3] = ["libOpenImageDenoise.so.2", "libOpenImageDenoise.so.1"
 /// Layer of the denoised beauty.
 pub const DENOISED: &str = "denoised";
 
-/// The loaded library.
 #[derive(Debug)]
 pub struct Denoiser {
     library: Library,
@@ -172,7 +171,6 @@ impl Denoiser {
 /// Pictures for the denoiser: the beauty and its guides.
 #[derive(Debug, Default)]
 pub struct NoisyPicture {
-    /// Width in pixels.
     pub width: usize,
     /// Row by row: radiance (linear RGB); base colour in [0, 1] and world-space normals, also of surfaces that are seen
     /// in mirrors.

@@ -150,7 +150,6 @@ pub fn check_below(path: &Path, folders: &[PathBuf]) -> Result<()> {
     Ok(())
 }
 
-/// The folder of a file.
 pub fn folder_of(file: &Path) -> &Path {
     file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use crate::color::luminance;
 
 /// Pixels per degree of visual angle: 0.7 m from a screen that is 0.7 m and 3840 pixels wide.
-pub const PIXELS_PER_DEGREE: f32 = 67.020_64;
+const PIXELS_PER_DEGREE: f32 = 67.020_64;
 
 /// FLIP error of each pixel in [0, 1], row by row, of linear RGB `test` against `reference` with `width` pixels per row. If
 /// `displayed`, the values are display-referred in [0, 1] (LDR-FLIP). Otherwise the error is the largest over a range of

@@ -2,7 +2,6 @@
 
 use std::borrow::Cow;
 
-/// The value of a header attribute.
 #[derive(Debug, Clone, PartialEq)]
 pub enum HeaderValue {
     /// UTF-8.

@@ -102,9 +102,6 @@ fn head(mut file: &File) -> io::Result<Vec<u8>> {
 }
 
 /// Marks a file that has been written, if its format has a place for a mark.
-///
-/// # Errors
-/// Errors of the system.
 pub(super) fn add(mut file: &File) -> io::Result<()> {
     let mut bytes = head(file)?;
     let [form, others @ ..] = Form::of(&bytes) else { return Ok(()) };

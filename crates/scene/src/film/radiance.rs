@@ -11,9 +11,7 @@ const NEW_WIDTHS: std::ops::Range<usize> = 8..0x8000;
 /// Radiance's standard primaries (`STDPRIMS` of `color.h`): x and y of red, green, blue and white.
 const PRIMARIES: [f32; 8] = [0.64, 0.33, 0.29, 0.60, 0.15, 0.06, 0.3333, 0.3333];
 
-/// What a file's header says.
 struct Head {
-    /// Width and height in pixels.
     size: [usize; 2],
     columns: bool,
     /// Do scanlines go down, and pixels from left to right?
@@ -63,7 +61,6 @@ pub fn decode(
     Ok((width as u32, height as u32, pixels))
 }
 
-/// The header, and the bytes after it.
 fn head(bytes: &[u8]) -> Result<(Head, &[u8]), String> {
     let mut rest = bytes;
     let mut next = || -> Result<String, String> {

@@ -45,7 +45,6 @@ pub enum TextureSlot {
     MetallicRoughness,
     /// Tangent-space normal map.
     Normal,
-    /// Emitted radiance.
     Emissive,
     /// KHR_materials_specular: strength in alpha.
     Specular,
@@ -139,7 +138,6 @@ impl IndexMut<TextureSlot> for Textures {
     }
 }
 
-/// Meaning of alpha.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum AlphaMode {
     /// Alpha is ignored.
@@ -208,7 +206,6 @@ pub struct Material {
     /// KHR_materials_pbrSpecularGlossiness: specular colour, in [0, 1]. `base_color` is then the diffuse colour and
     /// `roughness` is 1 − glossiness.
     pub specular_glossiness: Option<Vec3>,
-    /// Meaning of alpha.
     pub alpha_mode: AlphaMode,
     /// Emit on both sides. Single-sided surfaces are shaded on both sides and emit on the front only.
     pub double_sided: bool,

@@ -28,11 +28,8 @@ pub enum Filter {
 /// Stored texels, row-major from the top.
 #[derive(Debug, Clone)]
 pub enum Texels {
-    /// 8-bit RGB.
     Rgb8(Vec<[u8; 3]>),
-    /// 8-bit RGBA.
     Rgba8(Vec<[u8; 4]>),
-    /// 16-bit RGBA.
     Rgba16(Vec<[u16; 4]>),
 }
 
@@ -42,7 +39,6 @@ impl Default for Texels {
     }
 }
 
-/// A decoded picture.
 #[derive(Debug, Clone, Default)]
 pub struct Image {
     /// Name or URI, for messages.

@@ -5,7 +5,6 @@ use glam::Vec3;
 /// The technique that found a contribution.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Technique {
-    /// A light sample.
     Light,
     /// A BSDF sample that hit a light.
     Bsdf,

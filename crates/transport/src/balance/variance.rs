@@ -318,7 +318,6 @@ impl<'a> BlockVariances<'a> {
     }
 }
 
-/// The sum of pairs.
 fn sum(pairs: impl Iterator<Item = [f64; 2]>) -> [f64; 2] {
     pairs.fold([0.0; 2], |[a, b], [c, d]| [a + c, b + d])
 }

@@ -37,7 +37,7 @@ pub struct Albedo {
 
 /// The albedo of GGX reflection at cosines `cos` of `wo`. Its error is below 0.01.
 #[inline(always)]
-pub fn ggx(cos: F, alpha: F) -> Albedo {
+pub(crate) fn ggx(cos: F, alpha: F) -> Albedo {
     let [normal, grazing] = look_up(&REFLECTION, cos, alpha);
     Albedo { normal, grazing }
 }
@@ -64,20 +64,20 @@ fn loss(albedo: F) -> F {
 
 /// The cosine-weighted hemispherical mean of Schlick's Fresnel term.
 #[inline(always)]
-pub fn mean_schlick(f0: F, f90: F) -> F {
+pub(crate) fn mean_schlick(f0: F, f90: F) -> F {
     (f90 - f0).mul_add(F::splat(1.0 / 21.0), f0)
 }
 
 /// [`mean_schlick`] of each channel.
 #[inline(always)]
-pub fn mean_fresnel(f0: V3, f90: F) -> V3 {
+pub(crate) fn mean_fresnel(f0: V3, f90: F) -> V3 {
     V3 { x: mean_schlick(f0.x, f90), y: mean_schlick(f0.y, f90), z: mean_schlick(f0.z, f90) }
 }
 
 /// The colour F̄ of a mixture of metal and dielectric that is one lobe with the mean Fresnel term `mean`: each part adds its own
 /// mean squared. `dielectric` is the dielectric's mean.
 #[inline(always)]
-pub fn mixture_color(mean: V3, metallic: F, dielectric: F) -> V3 {
+pub(crate) fn mixture_color(mean: V3, metallic: F, dielectric: F) -> V3 {
     let rest = (F::ONE - metallic) * dielectric;
     let tiny = F::splat(1e-6);
     let color = |mean: F| {
@@ -89,7 +89,7 @@ pub fn mixture_color(mean: V3, metallic: F, dielectric: F) -> V3 {
 
 /// The colour F̄ of a boundary: what it reflects, and what it transmits in the colour `tint`.
 #[inline(always)]
-pub fn boundary_color(f0: V3, f90: F, tint: V3) -> V3 {
+pub(crate) fn boundary_color(f0: V3, f90: F, tint: V3) -> V3 {
     let reflected = mean_fresnel(f0, f90);
     reflected + tint * (F::ONE - reflected.max_element())
 }
@@ -183,7 +183,7 @@ fn boundary(i: usize) -> &'static Table {
 /// (1 − E)/E of dielectric boundaries that reflect and refract; in lanes of the mask `thin`, of thin walls, where transmission
 /// mirrors reflection. `eta`: index of refraction beyond the surface over that on the side of `wo`.
 #[inline(never)]
-pub fn boundary_loss(cos: F, alpha: F, eta: F, thin: F) -> F {
+pub(crate) fn boundary_loss(cos: F, alpha: F, eta: F, thin: F) -> F {
     let thin_loss = ggx(cos, alpha).loss();
     if thin.all() {
         return thin_loss;

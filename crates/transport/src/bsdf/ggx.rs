@@ -25,7 +25,7 @@ pub fn distribution(sin2: F, cos2: F, alpha2: F) -> F {
 
 /// Smith masking G₁ of a direction at cosine `cos` > 0 to the normal: the fraction of visible microfacets, in (0, 1].
 #[inline(always)]
-pub fn masking(cos: F, alpha2: F) -> F {
+pub(crate) fn masking(cos: F, alpha2: F) -> F {
     let cos2 = cos * cos;
     let sin2 = (F::ONE - cos2).fast_max(F::ZERO);
     F::splat(2.0) * cos / (cos + alpha2.mul_add(sin2, cos2).sqrt())
@@ -34,14 +34,14 @@ pub fn masking(cos: F, alpha2: F) -> F {
 /// Height-correlated Smith shadowing given masking, G₂/G₁(wo), from [`masking`] of both directions: with G₁ = 1/(1 + Λ),
 /// G₂ = 1/(1 + Λ(wo) + Λ(wi)) (Heitz 2014, *Understanding the Masking-Shadowing Function*, equation 99; glTF 2.0, appendix B).
 #[inline(always)]
-pub fn shadowing(masking_o: F, masking_i: F) -> F {
+pub(crate) fn shadowing(masking_o: F, masking_i: F) -> F {
     masking_i / (masking_o + masking_i - masking_o * masking_i)
 }
 
 /// Anisotropic GGX distribution D(h) of a microfacet normal in the local frame, with the roughnesses `alphas` along x and
 /// y.
 #[inline(always)]
-pub fn distribution_along(h: V3, alphas: [F; 2]) -> F {
+pub(crate) fn distribution_along(h: V3, alphas: [F; 2]) -> F {
     let (x, y) = (h.x / alphas[0], h.y / alphas[1]);
     let k = x.mul_add(x, y.mul_add(y, h.z * h.z));
     F::ONE / (F::splat(PI) * alphas[0] * alphas[1] * k * k)
@@ -49,7 +49,7 @@ pub fn distribution_along(h: V3, alphas: [F; 2]) -> F {
 
 /// Anisotropic Smith masking G₁ of a direction in the local frame, |w.z| > 0.
 #[inline(always)]
-pub fn masking_along(w: V3, alphas: [F; 2]) -> F {
+pub(crate) fn masking_along(w: V3, alphas: [F; 2]) -> F {
     let (x, y, cos) = (w.x * alphas[0], w.y * alphas[1], w.z.abs());
     F::splat(2.0) * cos / (cos + x.mul_add(x, y.mul_add(y, cos * cos)).sqrt())
 }
@@ -57,7 +57,7 @@ pub fn masking_along(w: V3, alphas: [F; 2]) -> F {
 /// Samples a microfacet normal that is visible from `wo` (local frame, wo.z > 0) with density G₁(wo) D(h) (wo·h)/wo.z
 /// (Dupuy and Benyoub 2023, *Sampling Visible GGX Normals with Spherical Caps*).
 #[inline(always)]
-pub fn sample_visible_normal(wo: V3, alphas: [F; 2], u: F, v: F) -> V3 {
+pub(crate) fn sample_visible_normal(wo: V3, alphas: [F; 2], u: F, v: F) -> V3 {
     // Stretch to the unit hemisphere, sample the spherical cap, transform back.
     let up = V3 { x: F::ZERO, y: F::ZERO, z: F::ONE };
     let stretched = V3 { x: wo.x * alphas[0], y: wo.y * alphas[1], z: wo.z }.normalize_or(up);

@@ -11,7 +11,7 @@ use super::{albedo, ggx};
 use crate::lanes::{F, V3};
 
 /// Smallest difference of an index of refraction from 1: without refraction there is no half vector.
-pub const MIN_BEND: f32 = 1e-4;
+pub(crate) const MIN_BEND: f32 = 1e-4;
 
 lobe! {
     /// GGX reflection and refraction of a fraction of the surface; the lobes beneath have the rest.

@@ -12,7 +12,6 @@ use crate::sampling::warp::ONE_MINUS_EPSILON;
 /// eight points and for a batch. Batches without the top lobe have no columns for it; its eight-point value is `None`.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Layered<Top, Base> {
-    /// The top lobe.
     pub top: Top,
     /// The layers beneath: a lobe that is always present, or another `Layered`.
     pub base: Base,

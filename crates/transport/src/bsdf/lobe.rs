@@ -5,14 +5,13 @@ use crate::lanes::{F, V3};
 use crate::sampling::warp;
 
 /// Maximum levels of a stack: lobes on top of the innermost one. That of materials has six.
-pub const MAX_LEVELS: usize = 8;
+pub(crate) const MAX_LEVELS: usize = 8;
 
 /// Probabilities with which sampling chooses the top lobe of each level of a stack, from the innermost level on.
 pub type TopProbabilities = [F; MAX_LEVELS];
 
 /// A lobe, or a stack of lobes, at eight points.
 pub trait Lobe: Copy {
-    /// Levels of the stack.
     const LEVELS: usize = 0;
 
     /// Mask of the lanes where the lobe is not zero.
@@ -158,7 +157,6 @@ fn respond(
 /// The directions for which a lobe is evaluated.
 #[derive(Debug, Clone, Copy)]
 pub struct Directions {
-    /// Shading normal.
     pub n: V3,
     /// Unit, toward the camera.
     pub wo: V3,
@@ -181,11 +179,8 @@ pub struct Directions {
 /// Orthonormal frames around shading normals.
 #[derive(Debug, Clone, Copy)]
 pub struct Frames {
-    /// First tangent.
     pub t: V3,
-    /// Second tangent.
     pub b: V3,
-    /// Shading normal.
     pub n: V3,
 }
 
@@ -199,7 +194,7 @@ impl Frames {
 
     /// World-space vectors in the frames.
     #[inline(always)]
-    pub fn to_local(self, v: V3) -> V3 {
+    pub(crate) fn to_local(self, v: V3) -> V3 {
         V3 { x: self.t.dot(v), y: self.b.dot(v), z: self.n.dot(v) }
     }
 

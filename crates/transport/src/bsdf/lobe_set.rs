@@ -11,13 +11,11 @@ impl LobeSet {
         Self(u32::from(present))
     }
 
-    /// The union of two sets.
     #[must_use]
-    pub fn union(self, other: Self) -> Self {
+    pub(crate) fn union(self, other: Self) -> Self {
         Self(self.0 | other.0)
     }
 
-    /// Is the set empty?
     pub fn is_empty(self) -> bool {
         self.0 == 0
     }

@@ -133,12 +133,12 @@ impl Surface {
     }
 
     /// Is it a thin wall that transmits light straight on?
-    pub fn is_smooth_wall(&self) -> bool {
+    pub(crate) fn is_smooth_wall(&self) -> bool {
         !self.bounds_medium && self.is_smooth_glass()
     }
 
     /// Is it smooth glass, a thin wall or the boundary of a medium?
-    pub fn is_smooth_glass(&self) -> bool {
+    pub(crate) fn is_smooth_glass(&self) -> bool {
         let glass = self.glass(self.transmission);
         glass.fraction > 0.0 && self.metallic < 1.0 && glass.alpha <= ggx::MIN_ALPHA
     }

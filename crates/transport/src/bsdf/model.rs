@@ -34,7 +34,7 @@ impl Bsdf {
     }
 
     /// The core model's part of a batch's columns.
-    pub fn core_mut(columns: &mut <Self as Parameters>::Columns) -> &mut <Core as Parameters>::Columns {
+    pub(crate) fn core_mut(columns: &mut <Self as Parameters>::Columns) -> &mut <Core as Parameters>::Columns {
         &mut columns.base.base.base.base.base
     }
 

@@ -9,7 +9,6 @@ use crate::lanes::{F, LANES, Rows, V3, V3Column, eight, grow, load, store};
 
 /// The layout of a set of parameters: for how many points.
 pub trait Width: Debug + Copy + Default {
-    /// Type of a number.
     type Scalar: Debug;
     /// Type of a colour or vector.
     type Vector: Debug;
@@ -58,7 +57,6 @@ pub trait Parameters: Debug + Copy + Default {
     /// Writes eight points to the rows from `at` on.
     fn store(columns: &mut Self::Columns, at: usize, points: [&Self; LANES]);
 
-    /// Reads eight rows.
     fn load(columns: &Self::Columns, rows: &Rows) -> Self::Eight;
 }
 

@@ -24,7 +24,7 @@ impl Fresnel {
 
     /// The part of the luminance that is reflected.
     #[inline(always)]
-    pub fn reflection_probability(&self, tint: V3) -> F {
+    pub(crate) fn reflection_probability(&self, tint: V3) -> F {
         let sum = self.luminance(tint);
         sum.simd_gt(F::ZERO).select(self.reflected.luminance() / sum, F::ONE)
     }

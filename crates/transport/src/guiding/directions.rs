@@ -13,7 +13,7 @@ pub const BINS: usize = SIDE * SIDE;
 
 /// Points of the unit square for unit directions.
 #[inline(always)]
-pub fn to_square(w: V3) -> (F, F) {
+fn to_square(w: V3) -> (F, F) {
     let scale = F::ONE / norm(w);
     let (x, y) = (w.x * scale, w.y * scale);
     let below = w.z.simd_lt(F::ZERO);
@@ -24,7 +24,7 @@ pub fn to_square(w: V3) -> (F, F) {
 
 /// Unit directions for points of the unit square.
 #[inline(always)]
-pub fn from_square(u: F, v: F) -> V3 {
+pub(crate) fn from_square(u: F, v: F) -> V3 {
     let (x, y) = (u.mul_sub(F::splat(2.0), F::ONE), v.mul_sub(F::splat(2.0), F::ONE));
     let z = F::ONE - x.abs() - y.abs();
     let fold = (F::ZERO - z).fast_max(F::ZERO);
@@ -41,7 +41,7 @@ fn norm(w: V3) -> F {
 
 /// 4 |ω|₁³: solid angle in steradians per unit area of the square.
 #[inline(always)]
-pub fn steradians(w: V3) -> F {
+pub(crate) fn steradians(w: V3) -> F {
     let n = norm(w);
     F::splat(4.0) * n * n * n
 }
@@ -98,14 +98,14 @@ impl Histogram {
 
     /// Samples a row by a random number in [0, 1).
     #[inline(always)]
-    pub fn draw_row(&self, u: f32) -> Row {
+    pub(crate) fn draw_row(&self, u: f32) -> Row {
         let (row, y, probability) = invert(&self.rows, u);
         Row { row, y, probability }
     }
 
     /// Samples a point of the unit square in a sampled row by a random number in [0, 1); the third value is its density.
     #[inline(always)]
-    pub fn draw_in(&self, Row { row, y, probability }: Row, v: f32) -> (f32, f32, f32) {
+    pub(crate) fn draw_in(&self, Row { row, y, probability }: Row, v: f32) -> (f32, f32, f32) {
         let (column, x, of_row) = invert(&self.columns[row % SIDE], v);
         ((row as f32 + y) / SIDE as f32, (column as f32 + x) / SIDE as f32, probability * of_row * OF_BINS)
     }

@@ -26,18 +26,16 @@ impl Field {
         Self { tree, histograms, guiding_probabilities, roulette: None }
     }
 
-    /// Number of cells.
     pub fn cells(&self) -> usize {
         self.histograms.len()
     }
 
-    /// Memory in bytes.
     pub fn bytes(&self) -> usize {
         self.tree.bytes() + self.cells() * Self::CELL_BYTES
     }
 
     /// Memory of a cell in bytes.
-    pub const CELL_BYTES: usize = size_of::<Histogram>() + size_of::<f32>() + Roulette::CELL_BYTES;
+    pub(crate) const CELL_BYTES: usize = size_of::<Histogram>() + size_of::<f32>() + Roulette::CELL_BYTES;
 
     /// Learns the probabilities of light samples and of path continuation from the vertex records of a pre-pass.
     pub fn learn_roulette<'a>(
@@ -49,7 +47,7 @@ impl Field {
     }
 
     /// Whether it has learned probabilities of light samples and of path continuation.
-    pub fn has_roulette(&self) -> bool {
+    pub(crate) fn has_roulette(&self) -> bool {
         self.roulette.is_some()
     }
 
@@ -74,7 +72,7 @@ impl Field {
 
     /// The guiding probabilities of cells; 0 for [`NO_CELL`].
     #[inline(always)]
-    pub fn guiding_probabilities(&self, cells: [u32; LANES]) -> F {
+    pub(crate) fn guiding_probabilities(&self, cells: [u32; LANES]) -> F {
         F::from(eight(|lane| self.guiding_probabilities.get(cells[lane] as usize).copied().unwrap_or(0.0)))
     }
 

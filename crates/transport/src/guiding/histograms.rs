@@ -72,7 +72,7 @@ impl<'a> ByLeaf<'a> {
 }
 
 /// The histogram of each leaf of the tree.
-pub fn histograms(tree: &CellTree, samples: &ByLeaf) -> Vec<Histogram> {
+pub(crate) fn histograms(tree: &CellTree, samples: &ByLeaf) -> Vec<Histogram> {
     let mut ranges = vec![0..0; tree.nodes()];
     // Children come after their parents.
     for node in (0..tree.nodes()).rev() {
@@ -233,7 +233,6 @@ fn smoothed(sums: &[f32; BINS]) -> [f32; BINS] {
     smooth
 }
 
-/// The sum of all bins.
 fn sum(bins: &[f32; BINS]) -> f32 {
     let eights = bins.as_chunks::<LANES>().0.iter().map(|eight| F::from(*eight));
     eights.fold(F::ZERO, |sum, eight| sum + eight).to_array().iter().sum()

@@ -16,7 +16,7 @@ const FIRST_CELLS: usize = 64;
 /// Largest number of training samples from which the tree is built.
 const MAX_TREE_SAMPLES: usize = 1 << 15;
 /// The guiding probabilities among which cells choose.
-pub const GUIDING_PROBABILITIES: [f32; 5] = [0.0, 0.25, 0.5, 0.75, 0.875];
+const GUIDING_PROBABILITIES: [f32; 5] = [0.0, 0.25, 0.5, 0.75, 0.875];
 /// The guiding probability while a field is learned.
 const LEARNING_PROBABILITY: f32 = 0.5;
 

@@ -26,7 +26,6 @@ pub struct VertexRecord {
 /// Means over the paths of a pre-pass.
 #[derive(Debug, Clone, Copy)]
 pub struct PathStatistics {
-    /// Rays per path.
     pub cost: f64,
     /// Variance of a path, divided by its pixel's divisor of relMSE.
     pub variance: f64,
@@ -54,7 +53,7 @@ pub struct Roulette {
 
 impl Roulette {
     /// Memory of a cell in bytes.
-    pub const CELL_BYTES: usize = size_of::<[f32; 2]>();
+    pub(crate) const CELL_BYTES: usize = size_of::<[f32; 2]>();
 
     /// Learns from the vertex records of a pre-pass in the leaves of a tree.
     pub(super) fn learn<'a>(

@@ -17,7 +17,6 @@ pub struct TrainingSample {
     pub weight: f32,
     /// Density p with which the direction was sampled.
     pub pdf: f32,
-    /// Density of the BSDF.
     pub bsdf_pdf: f32,
     /// Density of the earlier field; 0 without one.
     pub field_pdf: f32,

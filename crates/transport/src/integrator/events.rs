@@ -16,14 +16,12 @@ use crate::rays::HitBatch;
 /// Light that a ray found at its end.
 #[derive(Debug, Clone, Copy)]
 pub struct FoundEmission {
-    /// Row of the ray.
     pub ray: u32,
     /// What it adds to its path: with throughput and MIS weight, clamped, linear RGB; not zero.
     pub radiance: Vec3,
     /// Densities per solid angle of light samples in its direction: environment, area lights. One of them is zero, both for
     /// camera rays.
     pub pdf: [f32; 2],
-    /// Kind of the light.
     pub kind: LightKind,
     /// Number of its layer ([`Transport::layer`](crate::integrator::Transport::layer)).
     pub layer: u8,
@@ -70,7 +68,6 @@ pub struct ScatteredPacket {
 /// A thin wall that a ray of a path passed.
 #[derive(Debug, Clone, Copy)]
 pub struct PassedWall {
-    /// Row of the ray.
     pub row: usize,
     /// What the wall leaves of light, linear RGB.
     pub weight: Vec3,

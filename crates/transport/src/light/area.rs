@@ -89,7 +89,6 @@ pub struct AreaLights {
     first: Vec<((u32, u32), u32)>,
     /// The area light of each emissive triangle.
     light_of: Vec<u32>,
-    /// Whether any light moves.
     moves: bool,
 }
 
@@ -167,7 +166,6 @@ impl AreaLights {
         self.lights.iter().map(|light| [light.instance, light.mesh])
     }
 
-    /// The light tree.
     pub fn tree(&self) -> &LightTree {
         &self.tree
     }

@@ -21,7 +21,6 @@ use table::{Table, row_extent, row_pair};
 #[derive(Debug)]
 pub struct EnvironmentSampler {
     width: usize,
-    /// Number of texel rows.
     height: usize,
     /// Radiance of `width * height` texels, linear RGB, with strength and without rotation.
     texels: Vec<Vec3>,
@@ -165,7 +164,6 @@ impl EnvironmentSampler {
 struct Cells {
     /// Radiance above left, above right, below left, below right.
     corners: [V3; 4],
-    /// Probability of the cell.
     probability: F,
     /// Start in v.
     top: F,

@@ -24,12 +24,10 @@ pub struct LearnedLights {
 }
 
 impl LearnedLights {
-    /// Number of cells.
     pub fn cells(&self) -> usize {
         self.cells.leaves()
     }
 
-    /// Memory in bytes.
     pub fn bytes(&self) -> usize {
         self.cells.bytes() + size_of_val(&*self.weights)
     }
@@ -62,14 +60,20 @@ impl Descent<'_> {
 
     /// Whether any of these nodes has a learned weight.
     #[inline(always)]
-    pub fn has_weights(&self, nodes: [u32; LANES]) -> bool {
+    pub(crate) fn has_weights(&self, nodes: [u32; LANES]) -> bool {
         nodes.iter().any(|&node| (node as usize) < self.lights.nodes)
     }
 
     /// The probability of the left of two nodes with importances `a` and `b`, which the tree alone chooses with
     /// `tree_probability`.
     #[inline(always)]
-    pub fn left_probability(&self, left: [u32; LANES], right: [u32; LANES], [a, b]: [F; 2], tree_probability: F) -> F {
+    pub(crate) fn left_probability(
+        &self,
+        left: [u32; LANES],
+        right: [u32; LANES],
+        [a, b]: [F; 2],
+        tree_probability: F,
+    ) -> F {
         let (a, b) = (a * self.weights(left), b * self.weights(right));
         let learned = a / (a + b);
         self.tree_fraction.mul_add(tree_probability - learned, learned)

@@ -40,7 +40,6 @@ pub use sized::{SizedHit, SizedLights};
 pub struct Lights {
     /// The environment, if it is not black.
     pub environment: Option<Arc<EnvironmentSampler>>,
-    /// Emissive triangles, if any.
     pub area: Option<AreaLights>,
     /// Punctual lights with a size, if any.
     pub sized: Option<SizedLights>,

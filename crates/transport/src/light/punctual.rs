@@ -17,7 +17,6 @@ pub struct PunctualSample {
     pub distance: f32,
     /// Irradiance at normal incidence, linear RGB, divided by the probability of the choice of this light.
     pub irradiance: Vec3,
-    /// Index of the light.
     pub light: usize,
 }
 

@@ -9,7 +9,6 @@ use crate::scene::Scene;
 /// Eight points that light samples are taken for.
 #[derive(Debug, Clone, Copy)]
 pub struct LightSampleContext<'a> {
-    /// The scene.
     pub scene: &'a Scene,
     /// Times in [0, 1] of the shutter.
     pub time: F,
@@ -72,7 +71,6 @@ pub const ROUNDING: f32 = 16.0 * f32::EPSILON;
 pub struct LightProposal<'a> {
     /// The probability in [0, 1] of the environment where each light sample chooses its kind at random.
     pub environment_probability: f32,
-    /// Density toward the environment.
     pub density: Density,
     /// Learned selection of area lights; `None` for the light tree alone.
     pub learned: Option<&'a LearnedLights>,

@@ -23,7 +23,6 @@ pub struct Emitter {
     pub spread: f32,
     /// Luminance of the emitted power; 0 for emitters that are never chosen.
     pub power: f32,
-    /// Whether both sides emit.
     pub two_sided: bool,
 }
 
@@ -43,7 +42,6 @@ impl Bounds {
     }
 }
 
-/// A node of the tree.
 #[derive(Debug, Clone, Copy)]
 struct Node {
     bounds: Bounds,

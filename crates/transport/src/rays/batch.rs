@@ -48,11 +48,9 @@ pub struct HitBatch {
 /// One of all hits of a ray.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AnyHit {
-    /// Row of the ray.
     pub ray: u32,
     /// Distance in units of the direction's length.
     pub t: f32,
-    /// The triangle.
     pub primitive: Primitive,
 }
 
@@ -66,12 +64,10 @@ pub enum RayOrder {
 }
 
 impl RayBatch {
-    /// Number of rays.
     pub fn len(&self) -> usize {
         self.tfar.len()
     }
 
-    /// Is the batch empty?
     pub fn is_empty(&self) -> bool {
         self.tfar.is_empty()
     }
@@ -86,26 +82,22 @@ impl RayBatch {
         self.origin.iter_mut().chain(&mut self.direction).chain([&mut self.tnear, &mut self.tfar])
     }
 
-    /// The direction of a ray.
     #[inline]
     pub fn direction(&self, i: usize) -> glam::Vec3 {
         glam::Vec3::new(self.direction[0][i], self.direction[1][i], self.direction[2][i])
     }
 
-    /// The origin of a ray.
     #[inline]
     pub fn origin(&self, i: usize) -> glam::Vec3 {
         glam::Vec3::new(self.origin[0][i], self.origin[1][i], self.origin[2][i])
     }
 
-    /// The directions of eight rays.
     #[inline(always)]
     pub fn directions(&self, rows: &Rows) -> V3 {
         let [x, y, z] = &self.direction;
         V3 { x: load(x, rows), y: load(y, rows), z: load(z, rows) }
     }
 
-    /// The origins of eight rays.
     #[inline(always)]
     pub fn origins(&self, rows: &Rows) -> V3 {
         let [x, y, z] = &self.origin;
@@ -173,7 +165,6 @@ impl HitBatch {
         self.t.len()
     }
 
-    /// Is the batch empty?
     pub fn is_empty(&self) -> bool {
         self.t.is_empty()
     }
@@ -189,8 +180,7 @@ impl HitBatch {
         self.set(row, (by.t[from], by.u[from], by.v[from]), by.primitive(from), by.back[from]);
     }
 
-    /// Replaces a hit by a miss.
-    pub fn set_miss(&mut self, row: usize) {
+    pub(crate) fn set_miss(&mut self, row: usize) {
         self.set(row, (self.t[row], self.u[row], self.v[row]), NO_PRIMITIVE, false);
     }
 
@@ -203,7 +193,7 @@ impl HitBatch {
     }
 
     /// Copies all hits of another batch, into the memory that this one has.
-    pub fn copy_from(&mut self, other: &Self) {
+    pub(crate) fn copy_from(&mut self, other: &Self) {
         self.t.clone_from(&other.t);
         self.u.clone_from(&other.u);
         self.v.clone_from(&other.v);

@@ -5,10 +5,8 @@ use crate::scene::{MAX_COORDINATE, Scene};
 use crate::{Error, Result};
 
 /// Rejects scenes for which a backend would read out of bounds or lose triangles.
-///
-/// # Errors
-/// [`Error::Data`] for vertex indices out of range, coordinates that are NaN or beyond [`MAX_COORDINATE`], singular transforms, and
-/// mesh or object indices out of range.
+/// Errors: [`Error::Data`] for vertex indices out of range, coordinates that are NaN or beyond [`MAX_COORDINATE`], singular
+/// transforms, and mesh or object indices out of range.
 pub(super) fn check(scene: &Scene) -> Result<()> {
     for (index, mesh) in scene.meshes.iter().enumerate() {
         let count = mesh.positions.len();

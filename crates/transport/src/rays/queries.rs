@@ -7,11 +7,8 @@ use super::batch::{AnyHit, HitBatch, RayBatch, RayOrder};
 pub struct BackendInfo {
     /// `embree` or `obvhs`.
     pub name: &'static str,
-    /// Library version.
     pub version: String,
-    /// Instruction set of traversal.
     pub isa: String,
-    /// Build time in seconds.
     pub build_seconds: f64,
     /// Size of the acceleration structure in bytes.
     pub memory_bytes: u64,

@@ -67,7 +67,6 @@ impl CellTree {
         tree
     }
 
-    /// Number of leaves.
     pub fn leaves(&self) -> usize {
         self.leaves as usize
     }
@@ -85,7 +84,6 @@ impl CellTree {
         if next & LEAF == LEAF { Err(split.to_bits()) } else { Ok([first, first + 1]) }
     }
 
-    /// Memory in bytes.
     pub fn bytes(&self) -> usize {
         self.nodes.len() * size_of::<Node>()
     }
@@ -98,7 +96,7 @@ impl CellTree {
 
     /// The leaves of eight positions and normals. The eight descents are interleaved to hide memory latency.
     #[inline]
-    pub fn leaves_of(&self, position: V3, normal: V3) -> [u32; LANES] {
+    pub(crate) fn leaves_of(&self, position: V3, normal: V3) -> [u32; LANES] {
         let n = normal * F::splat(self.scale);
         let none = F::splat(f32::NEG_INFINITY);
         let axes = [position.x, position.y, position.z, n.x, n.y, n.z, none, none];

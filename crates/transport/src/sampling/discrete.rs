@@ -59,13 +59,11 @@ impl Discrete {
         (i as u32, fresh.clamp(0.0, super::warp::ONE_MINUS_EPSILON))
     }
 
-    /// Probability of outcome `i`.
     #[inline]
     pub fn pmf(&self, i: u32) -> f32 {
         self.cdf[i as usize + 1] - self.cdf[i as usize]
     }
 
-    /// Sum of the weights.
     pub fn total(&self) -> f64 {
         self.total
     }

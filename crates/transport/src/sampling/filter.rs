@@ -29,7 +29,6 @@ pub struct FilterSampler {
 }
 
 impl FilterSampler {
-    /// Tabulates a filter.
     pub fn new(filter: PixelFilter) -> Self {
         let (radius, density): (f64, fn(f64) -> f64) = match filter {
             PixelFilter::Box => (0.5, |_| 1.0),

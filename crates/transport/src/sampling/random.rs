@@ -5,7 +5,6 @@
 pub struct SplitMix64(pub u64);
 
 impl SplitMix64 {
-    /// 64 random bits.
     pub fn bits(&mut self) -> u64 {
         split_mix64(&mut self.0)
     }

@@ -8,7 +8,7 @@ use crate::lanes::{F, V3, sign};
 
 /// Sine and cosine of 2π·`turns`, for `turns` in [0, 1], to about 1e-7.
 #[inline(always)]
-pub fn sin_cos_turns(turns: F) -> (F, F) {
+pub(crate) fn sin_cos_turns(turns: F) -> (F, F) {
     // Reduce to an eighth turn on either side of a multiple of a quarter turn, where short Taylor series are accurate.
     let quarter = (turns * F::splat(4.0)).round();
     let x = (turns - quarter * F::splat(0.25)) * F::splat(2.0 * PI);
@@ -79,7 +79,7 @@ pub fn linear(u: F, a: F, b: F) -> F {
 }
 
 /// The largest number below 1.
-pub const ONE_MINUS_EPSILON: f32 = 1.0 - f32::EPSILON / 2.0;
+pub(crate) const ONE_MINUS_EPSILON: f32 = 1.0 - f32::EPSILON / 2.0;
 
 /// Two unit vectors that form an orthonormal basis with the unit vector `n` (Duff et al. 2017, *Building an Orthonormal Basis, Revisited*).
 #[inline]

@@ -42,7 +42,6 @@ pub(super) fn overview(design: &Design, scenes: &[SceneResults]) -> Option<Marku
     ))
 }
 
-/// The charts of a scene.
 pub(super) fn scene_charts(scene: &SceneResults, top: &Level) -> [Figure; 3] {
     let named = || top.results.iter().filter(|o| o.estimator.is_some()).map(|o| o.row.estimator.clone());
     let lines = |x: fn(&Row) -> f64| {

@@ -120,7 +120,6 @@ fn scene_charts(design: &Design, scene: &SceneResults) -> [Figure; 2] {
     ]
 }
 
-/// Columns of [`Row`].
 const COLUMNS: &str = "estimator paths_mean rel_mse cpu_seconds inverse_efficiency rel_mse_ratio<1 time_ratio<1 \
                        product_ratio<1 guided guiding_variance guiding_seconds adaptive_left bias_z";
 

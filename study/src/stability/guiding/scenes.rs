@@ -28,15 +28,13 @@ pub struct Case {
     /// F19 … F23, F33.
     pub mode: &'static str,
     pub name: &'static str,
-    /// Description of the scene.
     pub construct: &'static str,
     pub scene: PreparedScene<'static>,
     /// A field that was learned from wrong samples; `None`: the field of the case's own pre-pass.
     pub adversarial: Option<Field>,
 }
 
-/// Number of [`cases`].
-pub const CASES: usize = 6;
+pub(crate) const CASES: usize = 6;
 /// Height of the rooms in metres; they reach from −2 to 2 in x and z.
 const HEIGHT: f32 = 2.5;
 /// Height of the light coves in metres.

@@ -51,7 +51,7 @@ const MAX_COMPRESSION: usize = 1400;
 
 /// Checks that a block can hold its pixels, and the byte counts at the start of a DWA block, for which the decoder allocates
 /// memory.
-pub fn check_block(chunk: &Chunk, header: &Header) -> Checked {
+pub(crate) fn check_block(chunk: &Chunk, header: &Header) -> Checked {
     let packed = match &chunk.compressed_block {
         CompressedBlock::ScanLine(block) => &block.compressed_pixels_le,
         CompressedBlock::Tile(block) => &block.compressed_pixels_le,

@@ -28,9 +28,6 @@ pub enum Checksum {
 }
 
 /// Replaces [`PLACEHOLDER`] in a file by its checksum, if the file has one.
-///
-/// # Errors
-/// Errors of the system.
 pub(super) fn finish(file: &File) -> io::Result<()> {
     let Some((at, _)) = find(file)? else { return Ok(()) };
     file.write_all_at(compute(file, at)?.as_bytes(), at)

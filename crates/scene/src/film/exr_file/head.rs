@@ -3,15 +3,13 @@
 use std::io::{self, ErrorKind, Read};
 
 /// Largest total size of all attributes in bytes. Our pictures have some thousand; others have a preview or a manifest of names.
-pub const MAX_HEAD_BYTES: u64 = 16 << 20;
+const MAX_HEAD_BYTES: u64 = 16 << 20;
 /// Largest number of attributes of all parts together.
 const MAX_ATTRIBUTES: u32 = 1 << 16;
-/// The magic number of OpenEXR files.
 pub const MAGIC: [u8; 4] = [0x76, 0x2F, 0x31, 0x01];
 /// The flag of files with several parts, in the word after the magic number.
 const MULTIPART: u32 = 1 << 12;
 
-/// An attribute and its position.
 #[derive(Debug)]
 pub struct Attribute<'a> {
     pub part: u32,
@@ -22,10 +20,8 @@ pub struct Attribute<'a> {
 }
 
 /// Calls `visit` with the attributes of all parts, up to the first error.
-///
-/// # Errors
-/// [`ErrorKind::InvalidData`] for an invalid head or one larger than [`MAX_HEAD_BYTES`], [`ErrorKind::UnexpectedEof`] for a
-/// truncated one, and errors of the reader.
+/// Errors: [`ErrorKind::InvalidData`] for an invalid head or one larger than [`MAX_HEAD_BYTES`],
+/// [`ErrorKind::UnexpectedEof`] for a truncated one, and errors of the reader.
 pub fn walk(from: impl Read, visit: &mut dyn FnMut(Attribute)) -> io::Result<()> {
     let mut walk = Walk { from, at: 0 };
     if walk.take(4)? != MAGIC {

@@ -189,7 +189,7 @@ fn check_head(path: &Path, file: &File) -> Outcome<()> {
     })
 }
 
-pub fn cannot_use(path: &Path, why: &str) -> Error {
+pub(crate) fn cannot_use(path: &Path, why: &str) -> Error {
     Error::Data(format!("{}: cannot use this OpenEXR file: {why}", path.display()))
 }
 

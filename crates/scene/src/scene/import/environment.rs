@@ -12,14 +12,10 @@ use crate::scene::Environment;
 const MAX_PIXELS: u64 = 1 << 27;
 const MAX_FILE_BYTES: u64 = 4 << 30;
 
-/// Size of an environment's picture.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct EnvironmentSize {
-    /// Width in pixels.
     pub width: u64,
-    /// Height in pixels.
     pub height: u64,
-    /// Size of the file in bytes.
     pub file_bytes: u64,
 }
 
@@ -132,7 +128,9 @@ pub fn environment(path: &Path, rotation_degrees: f32, strength: f32) -> Result<
 
 fn check_flags(rotation_degrees: f32, strength: f32) -> Result<()> {
     if !rotation_degrees.is_finite() {
-        return Err(Error::Usage(format!("environment rotation {rotation_degrees}: wanted degrees as a finite number")));
+        return Err(Error::Usage(format!(
+            "environment rotation {rotation_degrees}: wanted degrees as a finite number"
+        )));
     }
     let most = Environment::MAX_STRENGTH;
     if !(0.0..=most).contains(&strength) {

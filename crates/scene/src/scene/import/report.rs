@@ -25,20 +25,16 @@ pub enum NoteKind {
 /// A note. Notes of equal kind and text are counted, not repeated.
 #[derive(Debug, Clone, Serialize)]
 pub struct Note {
-    /// Effect on the picture.
     pub kind: NoteKind,
     /// JSON path of the first occurrence.
     pub at: String,
-    /// Number of occurrences.
     pub count: u32,
     /// One line that says what and why.
     pub text: String,
 }
 
-/// Sizes of an imported scene.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct SceneCounts {
-    /// Triangles in memory.
     pub triangles: u64,
     /// Triangles in world space: each instance counts.
     pub instanced_triangles: u64,
@@ -46,17 +42,12 @@ pub struct SceneCounts {
     pub meshes: u64,
     /// Objects: one per placed glTF mesh.
     pub objects: u64,
-    /// Placements of objects.
     pub instances: u64,
-    /// Materials that a mesh uses.
     pub materials: u64,
-    /// Decoded pictures.
     pub images: u64,
     pub lights: u64,
     pub cameras: u64,
-    /// Bytes of vertices and indices.
     pub geometry_bytes: u64,
-    /// Bytes of decoded pictures.
     pub image_bytes: u64,
 }
 
@@ -68,15 +59,11 @@ pub struct ImportReport {
     pub generator: Option<String>,
     /// Names of the document's scenes; empty for those without.
     pub scenes: Vec<String>,
-    /// Names of its material variants.
     pub variants: Vec<String>,
     /// Names of its animations; `animations[3]` for one without.
     pub animations: Vec<String>,
-    /// Extensions in the file that are supported.
     pub extensions_used: Vec<String>,
-    /// Extensions in the file that are ignored.
     pub extensions_ignored: Vec<String>,
-    /// Notes, in the order of the file.
     pub notes: Vec<Note>,
     pub counts: SceneCounts,
     /// Size in bytes of the file and of the buffers and pictures that it refers to.
@@ -150,11 +137,11 @@ impl Notes {
         self.add(NoteKind::Repaired, at, text);
     }
 
-    pub fn convention(&mut self, at: &str, text: impl Into<String>) {
+    pub(crate) fn convention(&mut self, at: &str, text: impl Into<String>) {
         self.add(NoteKind::Convention, at, text);
     }
 
-    pub fn into_list(self) -> Vec<Note> {
+    pub(crate) fn into_list(self) -> Vec<Note> {
         self.list
     }
 }

@@ -32,7 +32,6 @@ pub struct CameraSummary {
     pub fault: Option<String>,
 }
 
-/// Summary of a punctual light.
 #[derive(Debug, Clone, Serialize)]
 pub struct LightSummary {
     pub name: String,
@@ -43,7 +42,6 @@ pub struct LightSummary {
     /// Range in metres, if limited.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub range: Option<f32>,
-    /// Radius in metres, if it has one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub radius: Option<f32>,
     /// Angle in degrees that a directional light subtends, if it does.
@@ -66,20 +64,15 @@ pub struct MeshSummary {
     pub triangles: u64,
     pub instances: u64,
     pub material: String,
-    /// Bytes of vertices and indices.
     pub bytes: u64,
 }
 
-/// Summary of a decoded picture.
 #[derive(Debug, Clone, Serialize)]
 pub struct ImageSummary {
     /// Name or URI.
     pub name: String,
-    /// Width in texels.
     pub width: u32,
-    /// Height in texels.
     pub height: u32,
-    /// Bytes in memory.
     pub bytes: u64,
 }
 
@@ -92,30 +85,24 @@ pub struct Summary {
     pub generator: Option<String>,
     /// Size in bytes of the file and of the files that it refers to.
     pub file_bytes: u64,
-    /// Wall-clock seconds of the import.
     pub read_seconds: f64,
     pub counts: SceneCounts,
     /// Cameras; at least one.
     pub cameras: Vec<CameraSummary>,
     pub lights: Vec<LightSummary>,
-    /// Does any surface emit light?
     pub has_emissive_meshes: bool,
     pub materials: Vec<MaterialSummary>,
     pub meshes: Vec<MeshSummary>,
-    /// Decoded pictures.
     pub images: Vec<ImageSummary>,
     /// Names of the document's scenes; empty for those without.
     pub scenes: Vec<String>,
-    /// Names of its material variants.
     pub variants: Vec<String>,
     /// Names of its animations; `animations[3]` for one without.
     pub animations: Vec<String>,
     pub extensions_used: Vec<String>,
     /// Extensions rendered approximately; none at present.
     pub extensions_approximated: Vec<String>,
-    /// Ignored extensions.
     pub extensions_ignored: Vec<String>,
-    /// Notes of what is approximated.
     pub approximated: Vec<Note>,
     /// Notes of what is omitted although it affects the picture.
     pub ignored: Vec<Note>,

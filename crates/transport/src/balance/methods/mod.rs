@@ -31,7 +31,6 @@ macro_rules! table {
                 &[$(Self::$variant,)*]
             }
 
-            /// The method.
             pub fn method(self) -> &'static dyn Method {
                 match self {
                     $(Self::$variant => &$method,)*

@@ -27,13 +27,11 @@ pub struct Aovs<'a> {
     pub columns: &'a mut AovColumns,
 }
 
-/// Columns of [`Aovs`].
 #[derive(Debug, Default)]
 pub struct AovColumns {
     /// By path, its radiance with at most one bounce: emission seen directly, and direct illumination. Empty without sums.
     direct: Vec<Vec3>,
     mirrors: MirrorChains,
-    /// Number of light layers.
     layers: usize,
 }
 

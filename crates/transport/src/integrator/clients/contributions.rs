@@ -15,13 +15,11 @@ use crate::lanes::{F, U, V3, grow, store, store_bits};
 
 /// Reports contributions at first surfaces, and the radiance of paths, to an observer.
 pub struct Contributions<'a> {
-    /// Receives them.
     pub observer: &'a mut dyn Observer,
     /// Columns, reused between waves.
     pub columns: &'a mut ContributionColumns,
 }
 
-/// Columns of [`Contributions`].
 #[derive(Debug, Default)]
 pub struct ContributionColumns {
     light: LightColumns,

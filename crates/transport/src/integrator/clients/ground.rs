@@ -36,9 +36,7 @@ pub struct GroundColumns {
 pub struct Ground<'a> {
     /// Height of the plane in metres (world y). No surface lies below.
     pub height: f32,
-    /// The sums.
     pub sums: &'a mut [GroundSums],
-    /// Scratch space.
     pub columns: &'a mut GroundColumns,
 }
 

@@ -55,7 +55,6 @@ fn add(sum: &mut [f64; 3], more: DVec3) {
 /// A tile for [`mean_variance`].
 #[derive(Debug, Clone, Copy)]
 pub struct TileVariance<'a> {
-    /// Of its paths.
     pub sums: &'a BlockSums,
     /// Number of its pixels, ≥ 1.
     pub pixels: usize,
@@ -138,9 +137,7 @@ impl MeanVarianceColumns {
 /// Adds the waves of a pass to a tile's sums.
 #[derive(Debug)]
 pub struct MeanVarianceSums<'a> {
-    /// The tile's.
     pub sums: &'a mut BlockSums,
-    /// Of this pass.
     pub columns: &'a mut MeanVarianceColumns,
 }
 

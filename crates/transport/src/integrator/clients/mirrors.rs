@@ -36,7 +36,7 @@ impl MirrorChains {
 
     /// A path's first hit, with its guides: begins a chain at a mirror.
     #[inline]
-    pub fn first_hit(
+    pub(crate) fn first_hit(
         &mut self,
         at: &WaveContext,
         path: u32,
@@ -89,7 +89,7 @@ impl MirrorChains {
 }
 
 /// Unit shading normal on the side of the ray origin.
-pub fn facing_normal(point: &SurfacePoint, rays: &PathRays, ray: usize) -> Vec3 {
+pub(crate) fn facing_normal(point: &SurfacePoint, rays: &PathRays, ray: usize) -> Vec3 {
     let cos = point.ng.dot(rays.rays.direction(ray));
     point.ns.normalize_or_zero() * if cos > 0.0 { -1.0 } else { 1.0 }
 }

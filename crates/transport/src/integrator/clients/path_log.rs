@@ -21,7 +21,6 @@ use crate::rays::{HitBatch, MISS};
 pub struct Event {
     /// Number of path segments before it.
     pub depth: u32,
-    /// What happened.
     pub kind: EventKind,
 }
 

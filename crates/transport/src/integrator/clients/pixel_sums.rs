@@ -12,7 +12,6 @@ use crate::rays::{HitBatch, MISS};
 /// Adds paths to the statistics of their pixels, one entry per task in each slice.
 #[derive(Debug)]
 pub struct PixelSums<'a> {
-    /// Radiance statistics.
     pub stats: &'a mut [PixelStats],
     /// Brightest path of each pixel; empty if not requested.
     pub peaks: &'a mut [Peak],

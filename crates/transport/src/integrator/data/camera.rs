@@ -9,7 +9,6 @@ use crate::lanes::{F, V3, eight};
 use crate::scene::calibration::{Distortion, NODES, STEPS, Undistortion};
 use crate::scene::{Calibration, Camera, Motion, Projection};
 
-/// A thin lens.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lens {
     /// Radius of the aperture in metres, > 0.
@@ -152,7 +151,7 @@ impl CameraRays {
     }
 
     /// Difference of two projected points ([`Self::project`]), pixels to the right and up: the shorter way around a panorama.
-    pub fn displacement(&self, from: Vec2, to: Vec2) -> Vec2 {
+    pub(crate) fn displacement(&self, from: Vec2, to: Vec2) -> Vec2 {
         let mut by = to - from;
         if matches!(self.kind, Kind::Panorama) {
             by.x -= self.size[0] * (by.x / self.size[0]).round();
@@ -162,7 +161,7 @@ impl CameraRays {
 
     /// Projects a world-space point into the picture: pixels to the right and up from the centre. The camera-to-world transform
     /// is `to_world`, or that of the frame itself. `None` for points behind the camera.
-    pub fn project(&self, to_world: Option<Affine3A>, p: Vec3) -> Option<Vec2> {
+    pub(crate) fn project(&self, to_world: Option<Affine3A>, p: Vec3) -> Option<Vec2> {
         let p = to_world.unwrap_or(self.to_world).inverse().transform_point3(p);
         let (at, depth) = match &self.kind {
             Kind::Distorted(lens) => return lens.project(p),
@@ -179,7 +178,7 @@ impl CameraRays {
     /// corner, and through the points of the lens that `u` and `v`, uniform in [0, 1), select. Without a lens the rays pass
     /// through the pinhole. `time` is in [0, 1] of the shutter interval.
     #[inline(always)]
-    pub fn rays_through(&self, (x, y): (F, F), (u, v): (F, F), time: F) -> (V3, V3) {
+    pub(crate) fn rays_through(&self, (x, y): (F, F), (u, v): (F, F), time: F) -> (V3, V3) {
         let pose = self.pose(time);
         let (origin, direction) = self.rays_from(&pose, x, y);
         match &self.lens {

@@ -7,9 +7,7 @@ use super::transport::Transport;
 /// The state of a wave when an event occurs.
 #[derive(Clone, Copy)]
 pub struct WaveContext<'a> {
-    /// What paths read.
     pub transport: &'a Transport<'a>,
-    /// The pixels' tasks.
     pub tasks: &'a [PixelTask],
     /// The paths, pixel by pixel.
     pub paths: &'a [PathState],

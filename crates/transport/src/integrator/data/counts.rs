@@ -7,15 +7,11 @@ use super::context::WaveContext;
 /// Ray counts and query time of waves.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct WaveCounts {
-    /// Camera rays.
     pub camera_rays: u64,
     /// Camera rays for directly visible emission alone ([`emission_rays`](crate::integrator::through::emission_rays)).
     pub emission_rays: u64,
-    /// Rays of the first bounce.
     pub first_bounce_rays: u64,
-    /// Rays of later bounces.
     pub later_bounce_rays: u64,
-    /// Shadow rays.
     pub shadow_rays: u64,
     /// Those of them between first and second surfaces of path re-use.
     pub shared_rays: u64,
@@ -28,7 +24,6 @@ pub struct WaveCounts {
 }
 
 impl WaveCounts {
-    /// Total number of rays.
     pub fn rays(&self) -> u64 {
         self.camera_rays + self.emission_rays + self.first_bounce_rays + self.later_bounce_rays + self.shadow_rays
     }

@@ -9,7 +9,7 @@ pub const MAX_SEGMENTS: u32 = (1 << 15) - 1;
 /// Position in the pixel filter and on the lens; the key of camera rays.
 pub const CAMERA: u32 = 0;
 /// Time in the shutter interval.
-pub const TIME: u32 = u32::MAX - 1;
+pub(crate) const TIME: u32 = u32::MAX - 1;
 /// Colour channel of a path that meets a dispersive surface.
 pub const CHANNEL: u32 = u32::MAX;
 
@@ -32,7 +32,7 @@ pub fn roulette(depth: u32) -> u32 {
 }
 
 /// Keys of the pools of path re-use.
-pub const REUSE: u32 = u32::MAX - 2;
+pub(crate) const REUSE: u32 = u32::MAX - 2;
 
 /// Sets of a ray's choices at thin walls.
 const WALL_SETS: u32 = 64;
@@ -46,7 +46,7 @@ pub fn wall(depth: u32, wall: u32) -> (u32, usize) {
 }
 
 /// Where light samples are allocated to targets, those of area lights begin at this index of their pixel's sequence.
-pub const AREA_LIGHT_INDEX: u32 = 1 << 31;
+pub(crate) const AREA_LIGHT_INDEX: u32 = 1 << 31;
 
 #[cfg(test)]
 mod tests {

@@ -64,13 +64,13 @@ impl RayHistory {
 
     /// Mask of the histories that are [mirror images](Self::is_mirror_image).
     #[inline(always)]
-    pub fn are_mirror_images(histories: U) -> F {
+    pub(crate) fn are_mirror_images(histories: U) -> F {
         are(histories & U::splat(MIRROR_IMAGE), MIRROR_IMAGE)
     }
 
     /// Mask of the histories [after a rough vertex](Self::is_after_rough).
     #[inline(always)]
-    pub fn are_after_rough(histories: U) -> F {
+    pub(crate) fn are_after_rough(histories: U) -> F {
         are(histories & U::splat(AFTER_ROUGH), AFTER_ROUGH)
     }
 

@@ -8,7 +8,6 @@ use crate::scene::Primitive;
 pub enum LightKind {
     /// Light from infinity.
     Environment,
-    /// Emissive surfaces.
     Area,
     /// Point, spot and directional lights without a size.
     Punctual,
@@ -33,7 +32,7 @@ pub struct LightNumber(pub u32);
 
 impl LightNumber {
     /// Bits of the kind.
-    pub const BITS: i32 = 2;
+    pub(crate) const BITS: i32 = 2;
 
     /// Its kind.
     #[inline]

@@ -39,7 +39,7 @@ impl NonFiniteSamples {
 
     /// Counts a sample for each of eight paths whose bit is set.
     #[inline(always)]
-    pub fn add_lanes(&mut self, bits: u32, paths: U) {
+    pub(crate) fn add_lanes(&mut self, bits: u32, paths: U) {
         if bits != 0 {
             (0..LANES).filter(|lane| bits >> lane & 1 == 1).for_each(|lane| self.add(paths.as_array()[lane]));
         }
@@ -60,14 +60,13 @@ pub struct PathStates {
     pub paths: Vec<PathState>,
     /// By path, its radiance so far, linear RGB.
     pub radiance: Vec<Vec3>,
-    /// Discarded samples.
     pub non_finite: NonFiniteSamples,
 }
 
 impl PathStates {
     /// Starts the paths of all pixels and distributes each pixel's samples over its paths. `environment_probability` is that
     /// of [`LightProposal`](crate::light::LightProposal).
-    pub fn start_paths(&mut self, tasks: &[PixelTask], environment_probability: f32) {
+    pub(crate) fn start_paths(&mut self, tasks: &[PixelTask], environment_probability: f32) {
         self.paths.clear();
         for (pixel, task) in tasks.iter().enumerate() {
             let (mut first_light, mut first_bsdf) = (task.first_light, task.first_bsdf);

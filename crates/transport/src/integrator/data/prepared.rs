@@ -13,9 +13,7 @@ use crate::scene::{Camera, Scene};
 /// A scene with its acceleration structure and tables; independent of render settings. Clones share all.
 #[derive(Clone)]
 pub struct PreparedScene<'a> {
-    /// The scene.
     pub scene: Arc<Scene>,
-    /// The ray query backend.
     pub rays: Arc<dyn RayQueries + 'a>,
     /// Instance transforms, prepared for shading.
     pub geometry: Arc<Geometry>,
@@ -23,16 +21,13 @@ pub struct PreparedScene<'a> {
     pub materials: Arc<Materials>,
     /// The lights, with their sampling tables.
     pub lights: Arc<Lights>,
-    /// Cryptomatte hashes of names.
     pub names: Arc<Names>,
 }
 
-/// Cryptomatte hashes of names.
 #[derive(Debug)]
 pub struct Names {
     /// By instance.
     pub objects: Vec<u32>,
-    /// By material.
     pub materials: Vec<u32>,
 }
 

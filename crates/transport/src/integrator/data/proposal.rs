@@ -32,7 +32,6 @@ pub struct Reuse {
 }
 
 impl Reuse {
-    /// Largest pool.
     pub const MAX_POOL: u32 = 64;
 
     /// Sizes that suit most scenes with so many paths per pixel. The fewer go on, the more the errors of a tile have in common:
@@ -49,7 +48,7 @@ impl Reuse {
     }
 
     /// How many samples of a pool of `members` go on: the same share, at least one.
-    pub fn traced_of(self, members: usize) -> usize {
+    pub(crate) fn traced_of(self, members: usize) -> usize {
         (members * self.traced as usize).div_ceil(self.group as usize).max(1)
     }
 }

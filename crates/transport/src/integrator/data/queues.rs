@@ -9,7 +9,6 @@ use crate::rays::RayBatch;
 /// The rays of the current path segments with their path data, one row per ray.
 #[derive(Debug, Default)]
 pub struct PathRays {
-    /// The rays.
     pub rays: RayBatch,
     /// Path throughput, linear RGB.
     pub beta: V3Column,
@@ -35,7 +34,6 @@ pub struct PathRays {
     pub history: Vec<u32>,
     /// Number in the wave of the ray of row 0. Rays are numbered in the order in which the wave generates them.
     pub first: u32,
-    /// Number of valid rows.
     pub len: usize,
 }
 
@@ -50,9 +48,7 @@ pub struct PathIds {
     pub seed: U,
     /// Time in [0, 1] of the shutter interval; 0 where nothing moves.
     pub time: F,
-    /// [`PathRays::root`].
     pub root: U,
-    /// [`RayHistory`].
     pub history: U,
 }
 
@@ -119,7 +115,7 @@ impl PathRays {
     }
 
     /// Number in the wave of the first ray after these.
-    pub fn next_number(&self) -> u32 {
+    pub(crate) fn next_number(&self) -> u32 {
         self.first + self.len as u32
     }
 }
@@ -138,7 +134,6 @@ pub struct SortedHits {
 }
 
 impl SortedHits {
-    /// Empties all lists.
     pub fn clear(&mut self) {
         for list in [&mut self.escaped, &mut self.emissive, &mut self.constant, &mut self.varying] {
             list.clear();
@@ -158,7 +153,6 @@ pub struct BodyColumns {
 /// Shadow rays with their contributions if unoccluded, one row per ray.
 #[derive(Debug, Default)]
 pub struct ShadowRays {
-    /// The rays.
     pub rays: RayBatch,
     /// Contribution with throughput and MIS weight, linear RGB.
     pub radiance: V3Column,
@@ -170,7 +164,6 @@ pub struct ShadowRays {
     pub root: Vec<u32>,
     /// [`LightNumber`].
     light: Vec<u32>,
-    /// Are the rays occluded?
     pub occluded: Vec<bool>,
     /// Columns for shadow rays that pass bodies of glass; present if they do.
     pub bodies: Option<BodyColumns>,
@@ -178,7 +171,6 @@ pub struct ShadowRays {
     pub backs: Vec<u32>,
     /// What thin walls leave of the contribution, as a ratio of lengths, at most 1; empty in scenes without thin walls.
     pub through: Vec<f32>,
-    /// Number of valid rows.
     pub len: usize,
 }
 
@@ -206,7 +198,7 @@ impl ShadowRays {
 
     /// Sets the columns of [`BodyColumns`] of the survivors that are pushed next.
     #[inline(always)]
-    pub fn set_bodies(&mut self, survivors: &Survivors, passes: U, medium: U) {
+    pub(crate) fn set_bodies(&mut self, survivors: &Survivors, passes: U, medium: U) {
         if let Some(bodies) = &mut self.bodies {
             store_bits(&mut bodies.passes, self.len, survivors.compress_bits(passes));
             store_bits(&mut bodies.medium, self.len, survivors.compress_bits(medium));
@@ -215,7 +207,7 @@ impl ShadowRays {
 
     /// Sets which of the survivors that are pushed next pass back faces; else none does.
     #[inline(always)]
-    pub fn set_backs(&mut self, survivors: &Survivors, passes: U) {
+    pub(crate) fn set_backs(&mut self, survivors: &Survivors, passes: U) {
         if !self.backs.is_empty() {
             store_bits(&mut self.backs, self.len, survivors.compress_bits(passes));
         }

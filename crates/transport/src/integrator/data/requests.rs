@@ -8,9 +8,7 @@ use crate::lanes::{F, Rows, U};
 pub enum LightTarget {
     /// Any light: drawn by the sample.
     Random,
-    /// The environment.
     Environment,
-    /// The area lights.
     AreaLight,
 }
 
@@ -18,13 +16,10 @@ pub enum LightTarget {
 pub struct RequestPacket {
     /// Number of the first sample; the others follow.
     pub first: usize,
-    /// Rows of the vertices.
     pub rows: Rows,
-    /// Paths and sample indices.
     pub path_ids: PathIds,
     /// Targets of light samples: [`LightTarget`] as a number.
     pub target: U,
-    /// Number of valid lanes.
     pub len: usize,
     /// Samples per path: environment, area lights, BSDF.
     pub samples_per_path: [F; 3],

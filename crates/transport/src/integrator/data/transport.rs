@@ -17,14 +17,12 @@ use crate::sampling::FilterSampler;
 use crate::scene::Scene;
 
 /// Bounces of a path at smooth glass that are not counted, at most: those behind are. It ends paths that glass has trapped.
-pub const MAX_GLASS_BOUNCES: u32 = 24;
+pub(crate) const MAX_GLASS_BOUNCES: u32 = 24;
 
 /// Everything that paths read and no path changes.
 #[derive(Clone)]
 pub struct Transport<'a> {
-    /// The scene.
     pub scene: &'a Scene,
-    /// The ray query backend.
     pub rays: &'a dyn RayQueries,
     /// Instance transforms, prepared for shading.
     pub geometry: &'a Geometry,
@@ -32,13 +30,10 @@ pub struct Transport<'a> {
     pub materials: &'a Materials,
     /// The lights, with their sampling tables.
     pub lights: &'a Lights,
-    /// Cryptomatte hashes of names.
     pub names: &'a Names,
-    /// Generates camera rays.
     pub camera: CameraRays,
     /// Samples positions in the pixel filter.
     pub filter: FilterSampler,
-    /// MIS heuristic.
     pub heuristic: Heuristic,
     /// Largest number of path segments, less those after bounces that do not count ([`RayHistory`](super::history::RayHistory)).
     pub max_depth: u32,
@@ -77,7 +72,7 @@ impl Transport<'_> {
 
     /// Layer of a light that a light sample has chosen.
     #[inline]
-    pub fn sampled_layer(&self, light: LightNumber) -> u8 {
+    pub(crate) fn sampled_layer(&self, light: LightNumber) -> u8 {
         self.layer(light.kind(), |layers| layers.sampled(light))
     }
 

@@ -82,7 +82,6 @@ pub struct ShadowPolicy {
 /// The BSDFs of eight points.
 #[derive(Debug, Clone, Copy)]
 pub enum BsdfPacket<'a> {
-    /// Full BSDFs.
     Any([&'a Bsdf; LANES]),
     /// BSDFs of the core model, for scenes that need no others.
     Core([&'a Core; LANES]),
@@ -103,7 +102,6 @@ pub struct VertexPacket<'a> {
     pub beta: V3,
     /// Offsets of ray origins along the geometric normals, in metres.
     pub origin_offset: F,
-    /// BSDFs at the points.
     pub bsdfs: BsdfPacket<'a>,
     /// Media on the side of `wo` and beyond; read if there are columns for them.
     pub media: [U; 2],
@@ -114,12 +112,10 @@ pub struct VertexPacket<'a> {
 }
 
 impl Vertices {
-    /// Number of vertices.
     pub fn len(&self) -> usize {
         self.len
     }
 
-    /// Are there none?
     pub fn is_empty(&self) -> bool {
         self.len == 0
     }
@@ -183,14 +179,14 @@ impl Vertices {
 
     /// The geometric normals for light selection; zero in lanes of the mask `transmits`, which light reaches from both sides.
     #[inline(always)]
-    pub fn light_sampling_normals(&self, rows: &Rows, transmits: F) -> V3 {
+    pub(crate) fn light_sampling_normals(&self, rows: &Rows, transmits: F) -> V3 {
         V3::select(transmits, V3::ZERO, self.ng.load(rows))
     }
 
     /// Rays from eight vertices in the directions `wi`. In lanes of the mask `transmits` the surface transmits; there `wi` must
     /// be on the same side of both normals.
     #[inline(always)]
-    pub fn spawn_rays(&self, rows: &Rows, transmits: F, wi: V3) -> SpawnedRays {
+    pub(crate) fn spawn_rays(&self, rows: &Rows, transmits: F, wi: V3) -> SpawnedRays {
         let (origin, ng) = (self.origin.load(rows), self.ng.load(rows));
         let cos = ng.dot(wi);
         let above = cos.simd_gt(F::ZERO);
@@ -221,7 +217,7 @@ impl Vertices {
 
     /// Mask of the vertices on smooth glass.
     #[inline(never)]
-    pub fn is_smooth_glass(&self, rows: &Rows, bsdf: &impl Lobe) -> F {
+    pub(crate) fn is_smooth_glass(&self, rows: &Rows, bsdf: &impl Lobe) -> F {
         let straight = bsdf.straight(self.ns.load(rows), self.wo.load(rows), F::ONE, true);
         straight.weight.max_element().simd_gt(F::ZERO)
     }
@@ -229,7 +225,7 @@ impl Vertices {
     /// What shadow rays of light samples with these BSDF densities do at bodies of glass; those in the mask `beyond` cross the
     /// surface. `None` where shadow rays do not pass bodies.
     #[inline(always)]
-    pub fn shadow_policy(
+    pub(crate) fn shadow_policy(
         &self,
         transport: &Transport,
         rows: &Rows,
@@ -263,7 +259,6 @@ impl Vertices {
         if self.time.is_empty() { F::ZERO } else { load(&self.time, rows) }
     }
 
-    /// Paths of eight vertices.
     #[inline(always)]
     pub fn path_ids(&self, rows: &Rows) -> PathIds {
         PathIds {
@@ -276,7 +271,6 @@ impl Vertices {
         }
     }
 
-    /// BSDFs of eight vertices.
     #[inline(always)]
     pub fn bsdf(&self, rows: &Rows) -> <Bsdf as Parameters>::Eight {
         Bsdf::load(&self.bsdf, rows)

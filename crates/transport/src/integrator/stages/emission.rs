@@ -131,7 +131,7 @@ pub fn limit(at: &WaveContext) -> f32 {
 /// The MIS weight of emission at the end of a ray against light samples with these densities per solid angle: environment, area
 /// lights.
 #[inline]
-pub fn mis_weight(at: &WaveContext, rays: &PathRays, ray: usize, pdf: [f32; 2]) -> f32 {
+pub(crate) fn mis_weight(at: &WaveContext, rays: &PathRays, ray: usize, pdf: [f32; 2]) -> f32 {
     let weighted_light = weighted_light_pdf(at, rays, ray, pdf);
     match weighted_light > 0.0 {
         true => at.transport.heuristic.weight(rays.weighted_pdf[ray], weighted_light),
@@ -141,7 +141,7 @@ pub fn mis_weight(at: &WaveContext, rays: &PathRays, ray: usize, pdf: [f32; 2]) 
 
 /// Density of light samples in the direction of a ray, times their number per path.
 #[inline]
-pub fn weighted_light_pdf(at: &WaveContext, rays: &PathRays, ray: usize, pdf: [f32; 2]) -> f32 {
+pub(crate) fn weighted_light_pdf(at: &WaveContext, rays: &PathRays, ray: usize, pdf: [f32; 2]) -> f32 {
     let WaveContext { transport, depth, .. } = *at;
     let [a_env, a_area, _] = match depth {
         1 => at.paths[rays.path[ray] as usize].samples_per_path,

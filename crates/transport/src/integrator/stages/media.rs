@@ -8,7 +8,7 @@ use crate::rays::{HitBatch, MISS};
 
 /// Attenuates the throughput of the rays at `depth` over the distance to their hits, if a medium absorbs. Finds the media of
 /// camera rays.
-pub fn attenuate(transport: &Transport, depth: u32, rays: &mut PathRays, hits: &HitBatch) {
+pub(crate) fn attenuate(transport: &Transport, depth: u32, rays: &mut PathRays, hits: &HitBatch) {
     if !transport.materials.tracks_media {
         return;
     }
@@ -37,7 +37,7 @@ pub fn attenuate(transport: &Transport, depth: u32, rays: &mut PathRays, hits: &
 
 /// Attenuates `radiance` over `distance` metres in `media`, if there are any.
 #[inline(always)]
-pub fn attenuated(transport: &Transport, radiance: V3, media: Option<U>, distance: F) -> V3 {
+pub(crate) fn attenuated(transport: &Transport, radiance: V3, media: Option<U>, distance: F) -> V3 {
     let Some(media) = media else { return radiance };
     let (media, distance) = (media.to_array(), distance.to_array());
     let transmittance = eight(|lane| transport.materials.media.transmittance(media[lane], distance[lane]));

@@ -59,7 +59,7 @@ pub fn is_diffuse(bsdf: &impl Lobe) -> F {
 
 /// [`is_diffuse`] of eight vertices.
 #[inline(always)]
-pub fn are_diffuse(vertices: &Vertices, rows: &Rows) -> F {
+pub(crate) fn are_diffuse(vertices: &Vertices, rows: &Rows) -> F {
     match vertices.core() {
         Some(columns) => is_diffuse(&Core::load(columns, rows)),
         None => is_diffuse(&vertices.bsdf(rows)),
@@ -68,7 +68,7 @@ pub fn are_diffuse(vertices: &Vertices, rows: &Rows) -> F {
 
 /// Fills the guiding columns of the vertices, if there is a field: cells and roulette probabilities.
 #[inline(never)]
-pub fn find_cells(transport: &Transport, vertices: &mut Vertices) {
+pub(crate) fn find_cells(transport: &Transport, vertices: &mut Vertices) {
     let Some(field) = transport.proposal.field else { return };
     for at in (0..vertices.len()).step_by(LANES) {
         let rows = Rows::From(at);

@@ -35,13 +35,11 @@ pub struct Requests {
     area_light_samples: Vec<SampleRequest>,
     /// Is `list` used? Else each vertex takes one sample.
     uses_list: bool,
-    /// Are the vertices first surfaces?
     at_first_surface: bool,
     len: usize,
 }
 
 impl Requests {
-    /// Number of samples.
     pub fn count(&self) -> usize {
         self.len
     }
@@ -104,7 +102,7 @@ impl Requests {
     }
 
     /// Requests the BSDF samples of the vertices at `depth`.
-    pub fn bsdf_samples(&mut self, depth: u32, vertices: &Vertices, paths: &[PathState]) {
+    pub(crate) fn bsdf_samples(&mut self, depth: u32, vertices: &Vertices, paths: &[PathState]) {
         self.begin(depth, vertices);
         for (vertex, path) in (0..).zip(&vertices.path[..if self.at_first_surface { vertices.len() } else { 0 }]) {
             let path = &paths[*path as usize];
@@ -192,7 +190,7 @@ impl Requests {
 /// Selects the light of eight light samples: the mask of those that sample the environment, and the number that chooses among
 /// area lights. `choice` is the sample's first number.
 #[inline(always)]
-pub fn select_environment(transport: &Transport, target: U, choice: F) -> (F, F) {
+pub(crate) fn select_environment(transport: &Transport, target: U, choice: F) -> (F, F) {
     let (drawn, left) = transport.proposal.lights.draw_kind(choice);
     let draws = are(target, LightTarget::Random as u32);
     (are(target, LightTarget::Environment as u32) | (draws & drawn), draws.select(left, choice))
@@ -200,7 +198,7 @@ pub fn select_environment(transport: &Transport, target: U, choice: F) -> (F, F)
 
 /// One sample for each of up to eight vertices from `at` on.
 #[inline(always)]
-pub fn one_per_vertex(transport: &Transport, vertices: &Vertices, at: usize) -> RequestPacket {
+pub(crate) fn one_per_vertex(transport: &Transport, vertices: &Vertices, at: usize) -> RequestPacket {
     let rows = Rows::From(at);
     RequestPacket {
         first: at,

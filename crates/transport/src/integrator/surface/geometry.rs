@@ -76,11 +76,8 @@ pub struct SurfacePoint<'a> {
     prim: u32,
     /// Barycentric weights of the triangle's second and third vertex.
     barycentric: (f32, f32),
-    /// Interpolated vertex colour.
     color: Vec4,
-    /// The material.
     pub material: &'a Material,
-    /// The mesh.
     pub mesh: &'a Mesh,
 }
 

@@ -50,15 +50,12 @@ pub struct Materials {
     pub transmits: bool,
     /// Does any surface have a front only?
     pub has_single_sided: bool,
-    /// Is any surface unlit, and another one not?
-    pub has_unlit: bool,
     /// Is any surface a thin wall that light may pass straight on?
     pub has_thin_walls: bool,
     /// Does any surface bound a medium, and is it smooth?
     pub has_smooth_bodies: bool,
     /// Is any surface present with a probability ([`AlphaMode::Blend`])?
     pub blends: bool,
-    /// Does any surface disperse?
     pub disperses: bool,
     /// The media of the scene.
     pub media: Media,
@@ -100,7 +97,6 @@ impl Materials {
             lobes: lit().map(possible_lobes).fold(LobeSet::default(), LobeSet::union),
             transmits,
             has_single_sided: any(|kind| kind.single_sided),
-            has_unlit: any(|kind| kind.unlit) && lit().next().is_some(),
             has_thin_walls: any(|kind| kind.thin_wall),
             has_smooth_bodies: any(|kind| kind.smooth_body),
             blends: scene.materials.iter().any(|material| material.alpha_mode == AlphaMode::Blend),
@@ -122,7 +118,7 @@ impl Materials {
 
     /// The BSDF of a mesh whose material is constant; `back_facing` only in scenes that transmit.
     #[inline]
-    pub fn constant_bsdf(&self, mesh: u32, back_facing: bool) -> &Bsdf {
+    pub(crate) fn constant_bsdf(&self, mesh: u32, back_facing: bool) -> &Bsdf {
         &self.constant[usize::from(back_facing)][self.mesh_materials[mesh as usize].material as usize]
     }
 

@@ -6,12 +6,10 @@ use glam::Vec3;
 
 use crate::bsdf::Surface;
 
-/// A medium.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Medium {
     /// Absorption coefficient, linear RGB per metre.
     pub absorption: Vec3,
-    /// Index of refraction.
     pub ior: f32,
 }
 
@@ -46,8 +44,7 @@ impl Media {
         (Self { table, bits }, numbers)
     }
 
-    /// Does any absorb?
-    pub fn absorb(&self) -> bool {
+    pub(crate) fn absorb(&self) -> bool {
         self.table.iter().any(|medium| medium.absorption.max_element() > 0.0)
     }
 
@@ -70,7 +67,7 @@ impl Media {
 
     /// The stack of a ray that enters a body of `medium`.
     #[inline]
-    pub fn entered(&self, stack: u32, medium: u32) -> u32 {
+    fn entered(&self, stack: u32, medium: u32) -> u32 {
         stack.checked_shl(self.bits).unwrap_or(0) | medium
     }
 
@@ -86,7 +83,7 @@ impl Media {
     /// The stacks on the side of `wo` and beyond the boundary of `medium` that a ray hits. One that comes from within and was in no
     /// such body was in one nevertheless.
     #[inline]
-    pub fn at_boundary(&self, medium: u32, back_facing: bool, stack: u32) -> [u32; 2] {
+    pub(crate) fn at_boundary(&self, medium: u32, back_facing: bool, stack: u32) -> [u32; 2] {
         let entered = self.entered(stack, medium);
         match self.left(stack, medium) {
             left if back_facing && left != stack => [stack, left],

@@ -7,7 +7,7 @@
 use crate::lanes::{F, V3, sign};
 
 /// Lowest cosine between `wo` and the shading normal.
-pub const MIN_COS: f32 = 1e-3;
+pub(crate) const MIN_COS: f32 = 1e-3;
 /// Lowest cosine between the mirror direction and the geometric normal, except where `wo` itself is lower.
 const MIN_MIRROR_COS: f32 = 0.01;
 

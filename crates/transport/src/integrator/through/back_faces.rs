@@ -56,7 +56,7 @@ impl BackFaces {
 
     /// Tests again the occluded shadow rays that pass backs.
     #[inline(never)]
-    pub fn reveal(&mut self, transport: &Transport, shadows: &mut ShadowRays) {
+    pub(crate) fn reveal(&mut self, transport: &Transport, shadows: &mut ShadowRays) {
         if shadows.backs.is_empty() {
             return;
         }

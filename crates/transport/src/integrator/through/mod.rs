@@ -79,7 +79,7 @@ impl Through {
     }
 
     /// Tests which shadow rays are occluded, and attenuates the others by what they pass.
-    pub fn occlude(&mut self, transport: &Transport, shadows: &mut ShadowRays, counts: &mut WaveCounts) {
+    pub(crate) fn occlude(&mut self, transport: &Transport, shadows: &mut ShadowRays, counts: &mut WaveCounts) {
         counts.shadow_rays += shadows.len as u64;
         timed(counts, || self.passing.walls.occlude(transport, shadows));
     }

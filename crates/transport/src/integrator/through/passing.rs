@@ -16,13 +16,13 @@ pub struct Passing {
 
 impl Passing {
     /// Replaces the hits of rays that meet back faces.
-    pub fn pass_back_faces(&mut self, transport: &Transport, rays: &PathRays, hits: &mut HitBatch) {
+    pub(crate) fn pass_back_faces(&mut self, transport: &Transport, rays: &PathRays, hits: &mut HitBatch) {
         let passes = |row: usize| rays.passes_backs(transport, row);
         self.walls.back_faces.resolve(transport, &rays.rays, &passes, hits);
     }
 
     /// Takes rays through thin walls, and through the back faces behind them, and tells `clients`.
-    pub fn pass_thin_walls<E: PathEvents>(
+    pub(crate) fn pass_thin_walls<E: PathEvents>(
         &mut self,
         at: &WaveContext,
         rays: &mut PathRays,

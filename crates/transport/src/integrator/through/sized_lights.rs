@@ -51,7 +51,6 @@ impl SizedLightHits {
         }
     }
 
-    /// Lists what rays hit.
     #[inline(never)]
     fn list(&mut self, at: &WaveContext, sized: &SizedLights, rays: &PathRays) {
         let transport = at.transport;

@@ -80,7 +80,6 @@ pub fn numbers(seed: U, index: U, depth: u32, wall: u32) -> F {
 /// A ray that has hit a thin wall.
 #[derive(Debug, Clone, Copy)]
 struct WallHit {
-    /// Row of the ray.
     row: u32,
     /// Is it the triangle that the ray has just passed, found again by rounding?
     again: bool,
@@ -166,7 +165,7 @@ impl ThinWalls {
     }
 
     /// Tests which shadow rays are occluded, and attenuates the others by what they pass.
-    pub fn occlude(&mut self, transport: &Transport, shadows: &mut ShadowRays) {
+    pub(crate) fn occlude(&mut self, transport: &Transport, shadows: &mut ShadowRays) {
         match transport.materials.has_thin_walls || transport.passes_bodies() {
             true => self.pass_shadow_rays(transport, shadows),
             false => {
@@ -279,7 +278,7 @@ impl ThinWalls {
     }
 
     /// Attenuates the light of a ray from the last surface that it has passed to `t`.
-    pub fn absorb(&self, transport: &Transport, light: &mut V3Column, row: usize, t: f32) {
+    pub(crate) fn absorb(&self, transport: &Transport, light: &mut V3Column, row: usize, t: f32) {
         let Some(&Segment { medium, start }) = self.segments.get(row) else { return };
         if medium > 0 {
             let left = transport.materials.media.transmittance(medium, t - start);
@@ -341,7 +340,7 @@ pub fn beyond(t: f32) -> f32 {
 }
 
 /// Replaces the hits of camera rays by those of most paths, behind back faces and walls.
-pub fn pass_most(transport: &Transport, rays: &RayBatch, hits: &mut HitBatch) {
+pub(crate) fn pass_most(transport: &Transport, rays: &RayBatch, hits: &mut HitBatch) {
     let mut walls = ThinWalls::default();
     let passes_backs = |_| transport.culls();
     walls.back_faces.resolve(transport, rays, &passes_backs, hits);

@@ -68,7 +68,6 @@ impl Table {
         ([row as usize, column as usize], [rest_u, rest_v])
     }
 
-    /// Probability of a cell.
     #[inline(always)]
     pub(super) fn cell_probability(&self, [row, column]: [usize; 2]) -> f32 {
         self.rows.pmf(row as u32) * self.columns[row].as_ref().map_or(0.0, |row| row.pmf(column as u32))

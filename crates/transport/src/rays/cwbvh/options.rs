@@ -5,17 +5,13 @@ use obvhs::BvhBuildParams;
 /// Options of builds and queries. The default is that of `--rays obvhs`.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct ObvhsOptions {
-    /// Kind of tree.
     pub tree: TreeKind,
-    /// Build effort.
     pub preset: Preset,
     /// Split the boxes of large triangles before the build? `None` for the default of the preset.
     pub split: Option<bool>,
-    /// Triangle test.
     pub test: TriangleTest,
 }
 
-/// Kinds of trees in obvhs.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum TreeKind {
     /// Binary, boxes in single precision.

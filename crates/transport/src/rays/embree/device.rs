@@ -85,7 +85,6 @@ impl<'a> CommitProgress<'a> {
         self.clone()
     }
 
-    /// The remaining part.
     pub(super) fn rest(self) -> Self {
         Self { part: self.part.end..1.0, ..self }
     }
@@ -97,7 +96,6 @@ unsafe extern "C" fn on_progress(progress: *mut c_void, fraction: f64) -> bool {
     watch(part.start + (part.end - part.start) * fraction.clamp(0.0, 1.0))
 }
 
-/// Converts an Embree error.
 fn convert_error(code: sys::RTCError, message: &str) -> Error {
     match code {
         sys::RTC_ERROR_OUT_OF_MEMORY => Error::Host(format!("Embree: not enough memory for this scene: {message}")),

@@ -10,17 +10,14 @@ pub struct EmbreeOptions {
     /// The widest vectors that do not lower the clock too much, `simd128` or `simd256`; `None`: as Embree decides by the processor.
     /// It takes four-wide trees with the first (the Xeons of 2017 to 2020), eight-wide ones with the second.
     pub frequency_level: Option<&'static str>,
-    /// Build quality.
     pub quality: Quality,
     /// `RTC_SCENE_FLAG_COMPACT`: less memory at lower speed.
     pub compact: bool,
     /// `RTC_SCENE_FLAG_ROBUST`: watertight box and triangle tests.
     pub robust: bool,
-    /// Packet size.
     pub packets: Packets,
 }
 
-/// Embree's build qualities.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Quality {
     /// Two levels, with a tree per mesh built from Morton codes.

@@ -157,7 +157,6 @@ impl<const N: usize> LaneMask<N> {
 enum PacketRows<'a> {
     /// Consecutive rays from this one on.
     From(usize),
-    /// These rays.
     Each(&'a [u32]),
 }
 

@@ -88,9 +88,7 @@ pub struct Played {
 
 impl Played {
     /// `None` if no surface moves. Faulty channels are left out; where they are played, reading them is an error.
-    ///
-    /// # Errors
-    /// An animation that is not there.
+    /// Errors: An animation that is not there.
     pub fn read(reader: &mut Reader, pose: &Pose) -> Result<Option<Self>> {
         let document = reader.document;
         let mut tracks = HashMap::new();
@@ -123,7 +121,7 @@ impl Played {
     }
 
     /// Do surfaces at the node stay where they are?
-    pub fn is_still(&self, node: usize) -> bool {
+    pub(crate) fn is_still(&self, node: usize) -> bool {
         !self.surfaces[node]
     }
 

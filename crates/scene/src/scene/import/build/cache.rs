@@ -18,7 +18,6 @@ use crate::scene::{AlphaMode, Image, Material, Mesh};
 pub struct ImportCache {
     /// Decoded pictures by the document's index.
     images: Mutex<HashMap<usize, Arc<Image>>>,
-    /// Objects of the last import.
     objects: Mutex<Objects>,
     /// What an animation of these root nodes moves.
     played: Mutex<Option<Kept>>,
@@ -53,13 +52,12 @@ pub struct CachedObject {
     pub needs: Vec<AttributeNeeds>,
     /// Each mesh with the index of its primitive.
     pub meshes: Vec<(usize, Arc<Mesh>)>,
-    /// Notes of the meshes' reading.
     pub notes: Vec<Note>,
 }
 
 impl CacheKey {
     /// Does the key belong to this mesh of the document?
-    pub fn is_of(&self, mesh: usize) -> bool {
+    pub(crate) fn is_of(&self, mesh: usize) -> bool {
         self.object.mesh == mesh
     }
 
@@ -80,7 +78,7 @@ impl CacheKey {
 }
 
 /// What of meshes depends on their material; `fades` as in [`super::primitive::read`].
-pub fn attribute_needs((material, fades): (&Material, bool)) -> AttributeNeeds {
+pub(crate) fn attribute_needs((material, fades): (&Material, bool)) -> AttributeNeeds {
     let alpha = |cutoff: f32| Some([material.base_color.w, cutoff].map(f32::to_bits));
     let alpha = match material.alpha_mode {
         _ if fades => None,
@@ -114,13 +112,11 @@ impl ImportCache {
         self.images.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Objects of the last import.
     pub fn objects(&self) -> Objects {
         self.objects.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Replaces the objects of the last import.
-    pub fn set_objects(&self, objects: Objects) {
+    pub(crate) fn set_objects(&self, objects: Objects) {
         *self.objects.lock().unwrap_or_else(PoisonError::into_inner) = objects;
     }
 }

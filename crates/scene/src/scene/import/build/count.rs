@@ -3,7 +3,6 @@
 use crate::scene::import::report::SceneCounts;
 use crate::scene::{self, Deformation, Mesh, Scene, Texels};
 
-/// Size of a mesh's arrays in bytes.
 pub fn mesh_bytes(mesh: &Mesh) -> u64 {
     let texcoords = mesh.texcoords.iter().flatten().chain(mesh.more_texcoords.iter().map(|(_, set)| set));
     let bytes = size_of_val(&mesh.positions[..])
@@ -16,7 +15,6 @@ pub fn mesh_bytes(mesh: &Mesh) -> u64 {
     bytes as u64
 }
 
-/// Size of a picture's texels in bytes.
 pub fn image_bytes(image: &scene::Image) -> u64 {
     let bytes = match &image.texels {
         Texels::Rgb8(t) => size_of_val(t.as_slice()),
@@ -26,7 +24,6 @@ pub fn image_bytes(image: &scene::Image) -> u64 {
     bytes as u64
 }
 
-/// Counts a scene's elements and bytes.
 pub fn count(scene: &Scene) -> SceneCounts {
     SceneCounts {
         triangles: scene.meshes.iter().map(|mesh| mesh.indices.len() as u64).sum(),

@@ -30,10 +30,8 @@ pub struct MeshPoses<'a> {
 }
 
 /// Applies morph targets and skin to a primitive's vertices.
-///
-/// # Errors
-/// Deltas, joints or weights that cannot be read.
-pub fn apply_pose(reader: &mut Reader, primitive: &Primitive, pose: &MeshPose, g: &mut Geometry) -> Result<()> {
+/// Errors: Deltas, joints or weights that cannot be read.
+pub(crate) fn apply_pose(reader: &mut Reader, primitive: &Primitive, pose: &MeshPose, g: &mut Geometry) -> Result<()> {
     morph(reader, primitive, pose.weights, g)?;
     if let Some(joints) = pose.joints {
         skin(reader, primitive, joints, g)?;
@@ -42,7 +40,12 @@ pub fn apply_pose(reader: &mut Reader, primitive: &Primitive, pose: &MeshPose, g
 }
 
 /// Positions and normals of the undeformed vertices `g` at another time.
-pub fn geometry_at(reader: &mut Reader, primitive: &Primitive, pose: &MeshPose, g: &Geometry) -> Result<Geometry> {
+pub(crate) fn geometry_at(
+    reader: &mut Reader,
+    primitive: &Primitive,
+    pose: &MeshPose,
+    g: &Geometry,
+) -> Result<Geometry> {
     reader.budget.take(&primitive.at, g.mesh.positions.len() as u64, 24)?;
     // The deltas and weights are not kept in memory: their budget is given back.
     let budget = reader.budget.clone();
@@ -141,7 +144,7 @@ fn skin(reader: &mut Reader, primitive: &Primitive, joints: &[DMat4], g: &mut Ge
 
 /// Transforms a normal by the inverse transpose and a tangent by the matrix; multiplies the bitangent's sign by that of
 /// the determinant. Vectors that become zero remain zero.
-pub fn transform_frame(linear: &DMat3, normal: Option<&mut [f32; 3]>, tangent: Option<&mut [f32; 4]>) {
+pub(crate) fn transform_frame(linear: &DMat3, normal: Option<&mut [f32; 3]>, tangent: Option<&mut [f32; 4]>) {
     let sign = if linear.determinant() < 0.0 { -1.0 } else { 1.0 };
     if let Some(n) = normal {
         // The cofactor matrix is the inverse transpose times the determinant; it also exists for singular matrices.

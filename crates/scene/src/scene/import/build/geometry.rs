@@ -32,7 +32,7 @@ pub fn cross(g: &Geometry, [a, b, c]: [u32; 3]) -> DVec3 {
 impl Geometry {
     /// Replaces colours and texture coordinates that are NaN or infinite, with a note: NaN in a colour by 1, in coordinates by 0.
     /// Colours are clamped to [0, 1]; normals and tangents are made unit vectors later.
-    pub fn mend_numbers(&mut self, at: &str, notes: &mut Notes) {
+    pub(crate) fn mend_numbers(&mut self, at: &str, notes: &mut Notes) {
         let (mesh, mut mended) = (&mut self.mesh, self.mended);
         let mut mend = |x: &mut f32, instead: f32| {
             if !x.is_finite() {
@@ -56,7 +56,7 @@ impl Geometry {
     }
 
     /// Removes triangles of which a corner is not finite, here or at one of the `others`' times, with a note.
-    pub fn drop_not_finite<'a>(&mut self, others: impl Iterator<Item = &'a Self>, at: &str, notes: &mut Notes) {
+    pub(crate) fn drop_not_finite<'a>(&mut self, others: impl Iterator<Item = &'a Self>, at: &str, notes: &mut Notes) {
         let not_finite = |g: &Self, i: usize| !g.mesh.positions[i].iter().all(|x| x.is_finite());
         let mut bad: Vec<bool> = (0..self.mesh.positions.len()).map(|i| not_finite(self, i)).collect();
         others.for_each(|g| bad.iter_mut().enumerate().for_each(|(i, bad)| *bad |= not_finite(g, i)));
@@ -69,14 +69,14 @@ impl Geometry {
     }
 
     /// Removes triangles that are lines as seen along a direction.
-    pub fn drop_edge_on(&mut self, direction: DVec3) {
+    pub(crate) fn drop_edge_on(&mut self, direction: DVec3) {
         let mut indices = std::mem::take(&mut self.mesh.indices);
         indices.retain(|&t| cross(self, t).normalize_or_zero().dot(direction).abs() > 1e-9);
         self.mesh.indices = indices;
     }
 
     /// Removes triangles of whose vertices none has an alpha that `shows`, with a note.
-    pub fn drop_clear(&mut self, shows: impl Fn(f32) -> bool, at: &str, notes: &mut Notes) {
+    pub(crate) fn drop_clear(&mut self, shows: impl Fn(f32) -> bool, at: &str, notes: &mut Notes) {
         let before = self.mesh.indices.len();
         let colors = self.mesh.colors.as_ref();
         let alpha = |t: &[u32; 3]| colors.map_or(1.0, |c| t.iter().map(|&i| c[i as usize][3]).fold(0.0, f32::max));
@@ -86,8 +86,7 @@ impl Geometry {
         }
     }
 
-    /// Removes triangles without area, with a note.
-    pub fn drop_degenerate(&mut self, at: &str, notes: &mut Notes) {
+    pub(crate) fn drop_degenerate(&mut self, at: &str, notes: &mut Notes) {
         let before = self.mesh.indices.len();
         let mut indices = std::mem::take(&mut self.mesh.indices);
         indices.retain(|&t| cross(self, t) != DVec3::ZERO);
@@ -128,7 +127,7 @@ impl Geometry {
 
     /// Normalizes normals; those of length zero become the area-weighted mean of their triangles' normals. Normals that contradict
     /// the winding of all triangles are negated; returns whether they were.
-    pub fn repair_normals(&mut self, at: &str, notes: &mut Notes) -> bool {
+    pub(crate) fn repair_normals(&mut self, at: &str, notes: &mut Notes) -> bool {
         let Some(mut normals) = self.mesh.normals.take() else { return false };
         let mut missing = false;
         for n in &mut normals {
@@ -164,14 +163,14 @@ impl Geometry {
     }
 
     /// Splits vertices so that no two triangles share one.
-    pub fn unweld(&mut self) {
+    pub(crate) fn unweld(&mut self) {
         let triangles = std::mem::take(&mut self.mesh.indices);
         self.pick(triangles.as_flattened());
         self.mesh.indices = (0..triangles.len() as u32).map(|i| [0, 1, 2].map(|corner| 3 * i + corner)).collect();
     }
 
     /// Merges the corners of an unwelded mesh whose original vertex (`origin`) and tangents are equal.
-    pub fn weld(&mut self, origin: &[u32]) {
+    pub(crate) fn weld(&mut self, origin: &[u32]) {
         let mut by_key: HashMap<(u32, [[u32; 4]; 2]), u32> = HashMap::new();
         let mut kept: Vec<u32> = Vec::new();
         let tangents = [&self.mesh.tangents, &self.mesh.coat_tangents];

@@ -69,7 +69,8 @@ fn resolve(
         notes.not_loaded(&format!("{}.occlusionTexture", from.at), text);
     }
     if !material.double_sided {
-        let text = "doubleSided is false: the camera does not see back faces (unless back faces are shown); other light does";
+        let text =
+            "doubleSided is false: the camera does not see back faces (unless back faces are shown); other light does";
         notes.convention(&from.at, text);
     }
     Ok(material)
@@ -84,9 +85,7 @@ pub struct MaterialTable {
 
 impl MaterialTable {
     /// The scene's index of a material of the document; `None` is the default material.
-    ///
-    /// # Errors
-    /// A faulty material, or texture that it samples.
+    /// Errors: A faulty material, or texture that it samples.
     pub fn get(
         &mut self,
         document: &Document,
@@ -107,8 +106,7 @@ impl MaterialTable {
         Ok(new)
     }
 
-    /// Notes the materials that no mesh uses.
-    pub fn note_unused(&self, document: &Document, notes: &mut Notes) {
+    pub(crate) fn note_unused(&self, document: &Document, notes: &mut Notes) {
         for (index, material) in document.materials.sound() {
             if !self.by_index.contains_key(&Some(index)) {
                 notes.not_loaded(&material.at, "a material that no placed mesh uses");

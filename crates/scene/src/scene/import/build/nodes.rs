@@ -27,7 +27,6 @@ pub struct ObjectKey {
     pub skin: Option<usize>,
 }
 
-/// A placement of an object.
 pub struct Placement {
     pub name: String,
     /// [`Instance::category`].
@@ -50,7 +49,7 @@ impl Placement {
     }
 
     /// Object to world at each time sample; empty for what does not move, and for skinned meshes.
-    pub fn transforms_at(&self, times: &TimeSamples) -> Vec<DAffine3> {
+    pub(crate) fn transforms_at(&self, times: &TimeSamples) -> Vec<DAffine3> {
         self.node.iter().flat_map(|&(node, local)| times.of(node).iter().map(move |m| m.world * local)).collect()
     }
 }
@@ -68,9 +67,7 @@ pub struct FlattenedScene {
 }
 
 /// Flattens the shown scene.
-///
-/// # Errors
-/// Instance data that cannot be read.
+/// Errors: Instance data that cannot be read.
 pub fn flatten(
     document: &Document,
     times: &TimeSamples,

@@ -10,10 +10,8 @@ use crate::scene::import::report::Notes;
 use crate::scene::{MAX_COORDINATE, Mesh, Scene};
 
 /// Checks the corners of a mesh's box, untransformed and placed, against [`MAX_COORDINATE`].
-///
-/// # Errors
-/// A coordinate beyond it, with the node (`at`) and the mesh.
-pub fn check_extent(corners: &[DVec3], world: &DAffine3, at: &str, mesh: &str) -> Result<()> {
+/// Errors: A coordinate beyond it, with the node (`at`) and the mesh.
+pub(crate) fn check_extent(corners: &[DVec3], world: &DAffine3, at: &str, mesh: &str) -> Result<()> {
     let moved = corners.iter().map(|&c| world.transform_point3(c));
     match corners.iter().copied().chain(moved).any(|p| p.abs().max_element() > f64::from(MAX_COORDINATE)) {
         true => Err(Error::Data(format!(
@@ -24,7 +22,7 @@ pub fn check_extent(corners: &[DVec3], world: &DAffine3, at: &str, mesh: &str) -
 }
 
 /// Is the placement visible? Notes it if not.
-pub fn keep_visible(placement: &Placement, notes: &mut Notes) -> bool {
+pub(crate) fn keep_visible(placement: &Placement, notes: &mut Notes) -> bool {
     let visible = is_visible(&placement.world);
     if !visible {
         notes.not_loaded(
@@ -76,7 +74,7 @@ pub fn corners(points: impl Iterator<Item = DVec3>) -> Vec<DVec3> {
 
 /// Visits the points of placed objects, each with its index, whether its meshes are in world space, and its transforms. Objects
 /// with several placements enter by their bounding box.
-pub fn visit_points(scene: &Scene, seen: &[(u32, bool, Vec<DAffine3>)], visit: &mut dyn FnMut(DVec3)) {
+pub(crate) fn visit_points(scene: &Scene, seen: &[(u32, bool, Vec<DAffine3>)], visit: &mut dyn FnMut(DVec3)) {
     for (object, baked, worlds) in seen {
         let range = scene.objects[*object as usize].meshes.clone().filter(|&mesh| scene.is_seen(mesh));
         let points = points(range.map(|mesh| scene.meshes[mesh as usize].as_ref()));

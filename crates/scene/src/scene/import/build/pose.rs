@@ -28,9 +28,7 @@ const ANIMATABLE: [&[&str]; 6] = [
 ];
 
 /// Indices of the animations that are played.
-///
-/// # Errors
-/// [`Error::Usage`](crate::Error::Usage) for an animation that is not there.
+/// Errors: [`Error::Usage`](crate::Error::Usage) for an animation that is not there.
 pub fn chosen(document: &Document, pose: &Pose) -> Result<Range<usize>> {
     let animations = &document.animations;
     Ok(match pose.animation.as_deref() {
@@ -63,10 +61,8 @@ struct Playing {
 
 impl<'a> Animation<'a> {
     /// Reads the channels; `json` is the document at rest.
-    ///
-    /// # Errors
-    /// [`Error::Usage`](crate::Error::Usage) for an animation that is not there; [`Error::Data`](crate::Error::Data) for keys that
-    /// break the specification.
+    /// Errors: [`Error::Usage`](crate::Error::Usage) for an animation that is not there; [`Error::Data`](crate::Error::Data)
+    /// for keys that break the specification.
     pub fn read(
         document: &Document,
         json: &'a Value,
@@ -117,9 +113,7 @@ impl<'a> Animation<'a> {
 
     /// Gives the document's elements the values that they have at a time, clamped to each channel's keys. If two channels animate
     /// one property, the later one wins.
-    ///
-    /// # Errors
-    /// Faults of nodes with these values; those of other elements are kept in their places.
+    /// Errors: Faults of nodes with these values; those of other elements are kept in their places.
     pub fn pose(&self, document: &mut Document, seconds: f64, notes: &mut Notes) -> Result<()> {
         let mut elements = BTreeMap::new();
         for Playing { at, pointer, element, inside, track } in &self.channels {
@@ -168,9 +162,7 @@ pub struct Track {
 
 impl Track {
     /// Reads and checks a channel; `None` if none of its keys is finite.
-    ///
-    /// # Errors
-    /// [`Error::Data`](crate::Error::Data) for keys that break the specification.
+    /// Errors: [`Error::Data`](crate::Error::Data) for keys that break the specification.
     pub fn read(reader: &mut Reader, channel: &Channel) -> Result<Option<Self>> {
         let input = reader.document.accessors.get(channel.input)?;
         if input.shape != Shape::Scalar || input.component != Component::F32 {

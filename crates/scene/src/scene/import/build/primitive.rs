@@ -24,8 +24,7 @@ pub struct Draft {
 }
 
 impl Draft {
-    /// Must tangents be generated?
-    pub fn needs_tangents(&self) -> bool {
+    pub(crate) fn needs_tangents(&self) -> bool {
         let [own, coat] = self.geometry.tangents_for;
         coat.is_some() || own.is_some() && self.geometry.mesh.tangents.is_none()
     }

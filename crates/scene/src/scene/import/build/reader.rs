@@ -29,14 +29,12 @@ impl Budget {
     }
 
     /// The budget for geometry: 256 MiB plus 64 times the file's size, as quantized, indexed and shared data expands.
-    pub fn for_data(file_bytes: u64) -> Self {
+    pub(crate) fn for_data(file_bytes: u64) -> Self {
         Self::new(256 << 20, 64, file_bytes)
     }
 
     /// Takes `count` times `size` bytes.
-    ///
-    /// # Errors
-    /// When fewer are left.
+    /// Errors: When fewer are left.
     pub fn take(&mut self, at: &str, count: u64, size: u64) -> Result<()> {
         let left = count.checked_mul(size).and_then(|bytes| self.left.checked_sub(bytes));
         self.left = left.ok_or_else(|| {
@@ -55,7 +53,6 @@ impl Budget {
 /// count costs a file nothing.
 const MAX_WITHOUT_DATA: u64 = 1 << 20;
 
-/// Reads accessors' elements.
 pub struct Reader<'a> {
     pub document: &'a Document,
     pub budget: Budget,
@@ -74,9 +71,7 @@ impl<'a> Reader<'a> {
     }
 
     /// Decodes the compressed data of these primitives on all cores. Damaged data is an error where it is read.
-    ///
-    /// # Errors
-    /// Too much memory.
+    /// Errors: Too much memory.
     pub fn unpack<'p>(&mut self, primitives: impl Iterator<Item = &'p Primitive> + Clone) -> Result<()> {
         let document = self.document;
         let accessors = primitives.clone().flat_map(|p| p.attributes.values().chain(&p.indices).copied());
@@ -136,10 +131,8 @@ impl<'a> Reader<'a> {
     }
 
     /// Checks the primitive's Draco stream, if there is one. It must have been [unpacked](Self::unpack).
-    ///
-    /// # Errors
-    /// A damaged stream; an accessor that belongs to another stream.
-    pub fn check_stream(&self, primitive: &Primitive) -> Result<()> {
+    /// Errors: A damaged stream; an accessor that belongs to another stream.
+    pub(crate) fn check_stream(&self, primitive: &Primitive) -> Result<()> {
         let Some(draco) = &primitive.draco else { return Ok(()) };
         self.streams.get(&draco.view).cloned().unwrap_or(Ok(()))?;
         let coded = draco.attributes.keys().map(|semantic| primitive.attributes[semantic]).chain(primitive.indices);
@@ -153,9 +146,7 @@ impl<'a> Reader<'a> {
     }
 
     /// All elements as floats, of which some may be NaN or infinite; normalized integers are divided by their largest value.
-    ///
-    /// # Errors
-    /// Bytes that are not there, wrong sparse indices, too much memory.
+    /// Errors: Bytes that are not there, wrong sparse indices, too much memory.
     pub fn floats<const N: usize>(&mut self, index: usize) -> Result<Vec<[f32; N]>> {
         let accessor = self.document.accessors.get(index)?;
         let n = accessor.normalized;
@@ -172,9 +163,7 @@ impl<'a> Reader<'a> {
     }
 
     /// All components of all elements in one list, converted by [`Self::floats`].
-    ///
-    /// # Errors
-    /// See [`Self::floats`]; also for matrices.
+    /// Errors: See [`Self::floats`]; also for matrices.
     pub fn flat(&mut self, index: usize) -> Result<Vec<f64>> {
         fn flat<const N: usize>(elements: Vec<[f32; N]>) -> Vec<f64> {
             elements.into_iter().flatten().map(f64::from).collect()
@@ -190,10 +179,7 @@ impl<'a> Reader<'a> {
     }
 
     /// All elements as unsigned integers.
-    ///
-    /// # Errors
-    /// See [`Self::floats`].
-    pub fn integers<const N: usize>(&mut self, index: usize) -> Result<Vec<[u32; N]>> {
+    pub(crate) fn integers<const N: usize>(&mut self, index: usize) -> Result<Vec<[u32; N]>> {
         match self.document.accessors.get(index)?.component {
             Component::U8 | Component::I8 => self.elements(index, |b: [u8; 1]| b[0].into()),
             Component::U16 | Component::I16 => self.elements(index, |b: [u8; 2]| u16::from_le_bytes(b).into()),

@@ -7,7 +7,11 @@ use crate::error::Result;
 use crate::scene::import::document::skins::Skin;
 
 /// Mesh-to-world matrix of each joint, given nodes' world transforms.
-pub fn joint_matrices(from: &Skin, reader: &mut Reader, worlds: &dyn Fn(usize) -> DAffine3) -> Result<Vec<DMat4>> {
+pub(crate) fn joint_matrices(
+    from: &Skin,
+    reader: &mut Reader,
+    worlds: &dyn Fn(usize) -> DAffine3,
+) -> Result<Vec<DMat4>> {
     reader.budget.take("skins", from.joints.len() as u64, size_of::<DMat4>() as u64)?;
     let inverse_bind = from.inverse_bind.map(|index| reader.floats::<16>(index)).transpose()?;
     let bind = |i: usize| match &inverse_bind {

@@ -27,9 +27,7 @@ const MAX_TEXELS_PER_SIDE: u32 = 1 << 15;
 const MAX_TEXELS: u64 = 1 << 28;
 
 /// Encoded bytes of a picture; empty if it has no data.
-///
-/// # Errors
-/// A file that cannot be read, bytes that are not in the buffer.
+/// Errors: A file that cannot be read, bytes that are not in the buffer.
 fn stored(image: &Image, document: &Document) -> Result<Bytes> {
     match &image.data {
         ImageData::Nothing => Ok(Bytes::new()),
@@ -78,9 +76,7 @@ fn damaged(error: &ImageError) -> String {
 }
 
 /// Reads the header. A missing, damaged or unsupported picture is not an error here.
-///
-/// # Errors
-/// Bytes that are not in the buffer, sizes beyond the decoders' limits.
+/// Errors: Bytes that are not in the buffer, sizes beyond the decoders' limits.
 fn probe(image: &Image, document: &Document) -> Result<Probe> {
     match &image.data {
         ImageData::Nothing => return Ok(Err("an image without data".into())),
@@ -242,9 +238,7 @@ impl TextureTable {
 
     /// Decodes the sampled pictures that are not in `cache`, in parallel, and adds pictures and textures to `scene`. Textures with
     /// a damaged picture are removed from their materials.
-    ///
-    /// # Errors
-    /// The first picture, in the document's order, that is too large.
+    /// Errors: The first picture, in the document's order, that is too large.
     pub fn decode(
         self,
         document: &Document,
@@ -306,7 +300,7 @@ impl TextureTable {
     }
 
     /// Notes the pictures that nothing samples.
-    pub fn note_unused(&self, document: &Document, notes: &mut Notes) {
+    pub(crate) fn note_unused(&self, document: &Document, notes: &mut Notes) {
         for (index, image) in document.images.sound() {
             if !self.by_image.contains_key(&index) {
                 notes.not_loaded(&image.at, "a picture that no visible material samples");
@@ -315,7 +309,6 @@ impl TextureTable {
     }
 }
 
-/// Appends an item and returns its index.
 fn push<T>(list: &mut Vec<T>, item: T) -> u32 {
     list.push(item);
     (list.len() - 1) as u32

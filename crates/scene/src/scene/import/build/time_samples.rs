@@ -25,9 +25,7 @@ const KEY_ROUNDING_ERROR: f64 = 1e-6;
 
 /// State of a node at one time.
 pub struct NodeSample {
-    /// Transform to world space.
     pub world: DAffine3,
-    /// Weights of morph targets.
     pub weights: Vec<f32>,
     pub light: Option<LightKey>,
 }
@@ -49,9 +47,6 @@ impl TimeSamples {
 }
 
 /// Gives the document, which is at rest as `json` is, the values of a pose, and returns what moves around its time.
-///
-/// # Errors
-/// Those of [`Animation::read`] and [`Animation::pose`].
 pub fn play(
     document: &mut Document,
     json: &Value,

@@ -3,12 +3,12 @@
 use glam::{DAffine3, DMat3, DVec3};
 
 /// Does the transform leave a surface, if only a flat one?
-pub fn is_visible(world: &DAffine3) -> bool {
+pub(crate) fn is_visible(world: &DAffine3) -> bool {
     is_invertible(world) || is_flat(world)
 }
 
 /// Does the transform flatten space to a plane (rank 2)?
-pub fn is_flat(world: &DAffine3) -> bool {
+pub(crate) fn is_flat(world: &DAffine3) -> bool {
     const ROUNDING: f64 = 1e-12;
     let (longest, area) = sizes(&world.matrix3);
     is_thin(&world.matrix3) && world.as_affine3a().is_finite() && area > ROUNDING * longest * longest
@@ -31,7 +31,7 @@ fn sizes(matrix: &DMat3) -> (f64, f64) {
 }
 
 /// The unit vector that a flat transform makes 0 long.
-pub fn lost_direction(matrix: &DMat3) -> DVec3 {
+pub(crate) fn lost_direction(matrix: &DMat3) -> DVec3 {
     let rows = matrix.transpose();
     let all = [0, 1, 2].map(|axis| normal_of_others(&rows, axis));
     all.into_iter().max_by(|a, b| a.length().total_cmp(&b.length())).unwrap_or(DVec3::Z).normalize()
@@ -39,7 +39,7 @@ pub fn lost_direction(matrix: &DMat3) -> DVec3 {
 
 /// A transform that flattens space, with a thickness beyond the rounding of rays, so that the front and back of what was closed
 /// are apart and it has an inverse. `corners` are those of the mesh's box, whose middle stays. Others are unchanged.
-pub fn thickened(world: &DAffine3, corners: &[DVec3]) -> DAffine3 {
+pub(crate) fn thickened(world: &DAffine3, corners: &[DVec3]) -> DAffine3 {
     /// Relative to the largest coordinate; rays begin 16 roundings away from surfaces.
     const THICKNESS: f64 = 64.0 * f32::EPSILON as f64;
     if !is_flat(world) {

@@ -8,7 +8,7 @@ use crate::scene::import::document::extensions::{SPLATS, Support, support};
 use crate::scene::import::report::Notes;
 
 /// Notes that concern the file as a whole.
-pub fn note_document(document: &Document, variant: bool, posed: bool, notes: &mut Notes) {
+pub(crate) fn note_document(document: &Document, variant: bool, posed: bool, notes: &mut Notes) {
     for (name, at) in &document.extensions {
         // Extensions on elements are noted where the elements are used.
         let whole = !at.contains('.') || at.starts_with("scenes");
@@ -35,7 +35,7 @@ pub fn note_document(document: &Document, variant: bool, posed: bool, notes: &mu
 }
 
 /// Notes the extensions of a shown element that are ignored.
-pub fn note_extensions(at: &str, extensions: &[String], notes: &mut Notes) {
+pub(crate) fn note_extensions(at: &str, extensions: &[String], notes: &mut Notes) {
     // Splats are noted with their number.
     for name in extensions.iter().filter(|name| *name != SPLATS) {
         if let Support::Ignored(why) = support(name) {
@@ -45,7 +45,7 @@ pub fn note_extensions(at: &str, extensions: &[String], notes: &mut Notes) {
 }
 
 /// Notes meshes that no shown node refers to.
-pub fn note_unplaced(document: &Document, placed: &HashSet<usize>, notes: &mut Notes) {
+pub(crate) fn note_unplaced(document: &Document, placed: &HashSet<usize>, notes: &mut Notes) {
     for (_, mesh) in document.meshes.sound().filter(|(index, _)| !placed.contains(index)) {
         notes.not_loaded(&mesh.at, "a mesh that no shown node places");
     }
@@ -53,7 +53,7 @@ pub fn note_unplaced(document: &Document, placed: &HashSet<usize>, notes: &mut N
 
 /// Notes faulty elements that nothing shown needs. If nothing is shown at all, the first fault may be the cause and is
 /// returned as an error.
-pub fn note_faults(document: &Document, nothing_shown: bool, notes: &mut Notes) -> Result<()> {
+pub(crate) fn note_faults(document: &Document, nothing_shown: bool, notes: &mut Notes) -> Result<()> {
     for (at, error) in document.faults() {
         if nothing_shown {
             return Err(error);

@@ -10,7 +10,7 @@ use crate::error::Result;
 use crate::scene::import::complaint::bad;
 
 /// What to say of `normalized` where it means nothing.
-pub const NOT_NORMALIZED: &str = "normalized, which means nothing here";
+pub(crate) const NOT_NORMALIZED: &str = "normalized, which means nothing here";
 
 /// A range of a buffer.
 #[derive(Debug)]
@@ -152,7 +152,7 @@ impl Accessor {
     }
 
     /// Columns of matrices start at multiples of 4 bytes.
-    pub fn element_bytes(&self) -> u64 {
+    pub(crate) fn element_bytes(&self) -> u64 {
         let column = self.shape.multiplicity() / self.columns() * self.component.size();
         ((self.columns() - 1) * column.next_multiple_of(4) + column) as u64
     }
@@ -169,7 +169,7 @@ impl Accessor {
 }
 
 /// Checks that a member's view has no stride, or the size in bytes of what lies in it.
-pub fn check_tight(json: &Json, key: &str, view: &View, size: u64) -> Result<()> {
+pub(crate) fn check_tight(json: &Json, key: &str, view: &View, size: u64) -> Result<()> {
     match view.stride {
         None => {}
         Some(stride) if stride == size => {

@@ -5,7 +5,6 @@ pub use gltf::json::animation::Interpolation;
 use super::json::Json;
 use crate::error::Result;
 
-/// An animated property.
 #[derive(Debug)]
 pub struct Channel {
     /// JSON pointer (RFC 6901).

@@ -79,7 +79,7 @@ pub type Attributes = BTreeMap<Semantic, usize>;
 
 /// Reads the attributes of a primitive, or those of a morph target (`morph`); `quantized` with KHR_mesh_quantization.
 /// Appends the accessors of every attribute, also of unknown ones, to `all_accessors`.
-pub fn parse_attributes(
+pub(crate) fn parse_attributes(
     json: &Json,
     accessors: &Table<Accessor>,
     morph: bool,

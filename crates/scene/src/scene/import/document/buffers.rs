@@ -16,7 +16,6 @@ pub struct Buffer {
 }
 
 impl Buffer {
-    /// Parses a buffer and finds its data.
     pub fn parse(json: &Json, index: usize, source: &Source) -> Result<Self> {
         let length = json.need("byteLength", json.integer("byteLength")?)?;
         if length == 0 {
@@ -32,15 +31,12 @@ impl Buffer {
         Ok(Self { data, length, at: json.at.clone() })
     }
 
-    /// Does the buffer have data?
-    pub fn has_data(&self) -> bool {
+    pub(crate) fn has_data(&self) -> bool {
         self.data.is_some()
     }
 
     /// The `length` bytes from `offset` on.
-    ///
-    /// # Errors
-    /// When the range is not in the buffer, or the buffer has no data.
+    /// Errors: When the range is not in the buffer, or the buffer has no data.
     pub fn bytes(&self, offset: u64, length: u64) -> Result<Bytes> {
         let Some(data) = &self.data else {
             return Err(Error::Data(format!(

@@ -11,7 +11,6 @@ use crate::error::Result;
 use crate::scene::Projection;
 use crate::scene::import::complaint::bad;
 
-/// A checked camera.
 #[derive(Debug)]
 pub struct Camera {
     pub name: Option<String>,
@@ -22,10 +21,9 @@ pub struct Camera {
 }
 
 /// In the place of a faulty one.
-pub const STAND_IN: Camera =
+pub(crate) const STAND_IN: Camera =
     Camera { name: None, projection: Projection::Perspective { yfov: 1.0 }, aspect: None, clip: None };
 
-/// Parses and checks a camera.
 pub fn parse(json: &Json) -> Result<Camera> {
     let from: gltf::json::Camera = read(json)?;
     let kind = json.need("type", json.string("type")?)?;

@@ -3,9 +3,8 @@
 use crate::error::{Error, Result};
 
 /// Points that are no points.
-pub const SPLATS: &str = "KHR_gaussian_splatting";
+pub(crate) const SPLATS: &str = "KHR_gaussian_splatting";
 
-/// How an extension is treated.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Support {
     Full,
@@ -70,10 +69,8 @@ pub fn support(name: &str) -> Support {
 }
 
 /// Checks the required extensions.
-///
-/// # Errors
-/// Names every required extension that is not supported.
-pub fn check_required(required: &[String]) -> Result<()> {
+/// Errors: Names every required extension that is not supported.
+pub(crate) fn check_required(required: &[String]) -> Result<()> {
     let is_ignored = |name: &&String| matches!(support(name), Support::Ignored(_));
     let refused: Vec<_> = required.iter().filter(is_ignored).cloned().collect();
     if refused.is_empty() {

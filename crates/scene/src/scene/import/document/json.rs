@@ -33,7 +33,6 @@ impl<'a> Json<'a> {
         self.value
     }
 
-    /// JSON path of a member.
     pub fn path(&self, key: &str) -> String {
         if self.at.is_empty() { key.into() } else { format!("{}.{key}", self.at) }
     }
@@ -88,8 +87,7 @@ impl<'a> Json<'a> {
         self.typed(key, "a string", Value::as_str)
     }
 
-    /// This value as a string.
-    pub fn as_string(&self) -> Result<&'a str> {
+    pub(crate) fn as_string(&self) -> Result<&'a str> {
         self.value.as_str().ok_or_else(|| bad(&self.at, "a string", kind(self.value)))
     }
 
@@ -106,7 +104,7 @@ impl<'a> Json<'a> {
     }
 
     /// An integer ≥ 0; `3.0` counts as one.
-    pub fn integer(&self, key: &str) -> Result<Option<u64>> {
+    pub(crate) fn integer(&self, key: &str) -> Result<Option<u64>> {
         self.typed(key, "an integer of at least 0", whole)
     }
 
@@ -115,8 +113,7 @@ impl<'a> Json<'a> {
         self.index_below(key, self.length(array), array)
     }
 
-    /// An index below `len` into `what`.
-    pub fn index_below(&self, key: &str, len: usize, what: &str) -> Result<Option<usize>> {
+    pub(crate) fn index_below(&self, key: &str, len: usize, what: &str) -> Result<Option<usize>> {
         match self.typed(key, &format!("an index into {what}"), whole)? {
             None => Ok(None),
             Some(index) if index < len as u64 => Ok(Some(index as usize)),
@@ -145,7 +142,7 @@ impl<'a> Json<'a> {
     }
 
     /// Is this the index of one of the document's accessors that has no elements?
-    pub fn is_empty_accessor(&self, index: usize) -> bool {
+    pub(crate) fn is_empty_accessor(&self, index: usize) -> bool {
         self.root["accessors"][index]["count"] == 0
     }
 
@@ -154,7 +151,6 @@ impl<'a> Json<'a> {
         self.typed(key, "a number", finite)
     }
 
-    /// An array of numbers of any length.
     pub fn numbers(&self, key: &str) -> Result<Option<Vec<f64>>> {
         let Some(array) = self.typed(key, "an array of numbers", Value::as_array)? else { return Ok(None) };
         let element = |(i, value): (usize, &Value)| {
@@ -163,7 +159,6 @@ impl<'a> Json<'a> {
         array.iter().enumerate().map(element).collect::<Result<_>>().map(Some)
     }
 
-    /// An array of exactly `N` numbers.
     pub fn vector<const N: usize>(&self, key: &str) -> Result<Option<[f64; N]>> {
         let Some(numbers) = self.numbers(key)? else { return Ok(None) };
         let len = numbers.len();
@@ -175,18 +170,15 @@ impl<'a> Json<'a> {
         self.get("extensions")?.map_or(Ok(None), |extensions| extensions.get(name))
     }
 
-    /// Names of this object's extensions.
-    pub fn extension_names(&self) -> Result<Vec<String>> {
+    pub(crate) fn extension_names(&self) -> Result<Vec<String>> {
         let extensions = self.get("extensions")?;
         Ok(extensions.iter().flat_map(|json| json.value.as_object()).flatten().map(|(name, _)| name.clone()).collect())
     }
 
     /// Visits every extension in this value, except in `extras`, with the path of its `extensions` object. Recursion depth is
     /// bounded by the JSON parser's limit.
-    ///
-    /// # Errors
-    /// An `extensions` member, or an extension, that is not an object.
-    pub fn each_extension(&self, seen: &mut impl FnMut(&str, &str)) -> Result<()> {
+    /// Errors: An `extensions` member, or an extension, that is not an object.
+    pub(crate) fn each_extension(&self, seen: &mut impl FnMut(&str, &str)) -> Result<()> {
         let holds_more = |value: &Value| value.is_object() || value.is_array();
         if let Value::Array(items) = self.value {
             for (i, value) in items.iter().enumerate().filter(|(_, value)| holds_more(value)) {

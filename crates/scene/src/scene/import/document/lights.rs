@@ -15,7 +15,6 @@ use crate::scene::{MAX_RADIUS, PunctualKind};
 /// Path of the array of punctual lights.
 pub const LIGHTS: &str = "extensions.KHR_lights_punctual.lights";
 
-/// A checked light.
 #[derive(Debug)]
 pub struct Light {
     pub name: Option<String>,
@@ -31,7 +30,6 @@ pub struct Light {
     pub at: String,
 }
 
-/// Parses and checks a light.
 pub fn parse(json: &Json) -> Result<Light> {
     let from: khr_lights_punctual::Light = read(json)?;
     if from.color.iter().any(|x| *x < 0.0) {

@@ -38,9 +38,7 @@ impl Factors {
 }
 
 /// Reads the material's extensions into `plain` and `textures`.
-///
-/// # Errors
-/// Members of the wrong type, texture indices out of range.
+/// Errors: Members of the wrong type, texture indices out of range.
 pub fn parse(json: &Json, plain: &mut Material, textures: &mut TextureInfos, factors: &mut Factors) -> Result<()> {
     let texture = TextureInfo::parse;
     if let Some(json) = json.extension("KHR_materials_transmission")? {

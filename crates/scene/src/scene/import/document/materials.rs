@@ -12,7 +12,6 @@ use super::typed::read;
 use crate::error::Result;
 use crate::scene::{self, AlphaMode, TextureSlot};
 
-/// A checked material.
 #[derive(Debug)]
 pub struct Material {
     /// The scene's material, without textures.

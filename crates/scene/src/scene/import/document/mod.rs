@@ -71,9 +71,7 @@ pub struct Document {
     pub scenes: Table<Vec<usize>>,
     /// Names of the scenes; empty for those without.
     pub scene_names: Vec<String>,
-    /// Names of the material variants.
     pub variants: Vec<String>,
-    /// Index of the shown variant.
     pub variant: Option<usize>,
     /// Whether the document requires KHR_mesh_quantization.
     quantized: bool,
@@ -90,10 +88,8 @@ const BEYOND: [(&str, &str); 3] =
 
 impl Document {
     /// Parses and checks everything but the data of accessors and pictures. `json` is the source's document.
-    ///
-    /// # Errors
-    /// [`Error::Data`] for what breaks the specification in a way that concerns the document as a whole, [`Error::Usage`]
-    /// for a scene or variant that does not exist. Faulty elements are kept as errors in their tables.
+    /// Errors: [`Error::Data`] for what breaks the specification in a way that concerns the document as a whole,
+    /// [`Error::Usage`] for a scene or variant that does not exist. Faulty elements are kept as errors in their tables.
     pub fn parse(source: &Source, json: &Value, options: &ImportOptions, notes: &mut Notes) -> Result<Self> {
         source.repairs.iter().for_each(|(at, text)| notes.repaired(at.trim_start_matches('.'), *text));
         let kept = RefCell::new(std::mem::take(notes));
@@ -168,9 +164,7 @@ impl Document {
     }
 
     /// Replaces an element of one of the arrays [`ANIMATED`] by that of a copy of the document `root` with other values.
-    ///
-    /// # Errors
-    /// A faulty node. Others keep their faults in their places.
+    /// Errors: A faulty node. Others keep their faults in their places.
     pub fn replace(
         &mut self,
         root: &Value,
@@ -197,7 +191,7 @@ impl Document {
     }
 
     /// Every node's transform to world space from [`Self::origin`], also of nodes that no scene shows.
-    pub fn world_transforms(&self) -> Vec<DAffine3> {
+    pub(crate) fn world_transforms(&self) -> Vec<DAffine3> {
         let mut worlds = vec![self.base(); self.nodes.len()];
         let mut stack: Vec<_> = top_nodes(&self.nodes).into_iter().map(|i| (i, self.base())).collect();
         while let Some((index, parent)) = stack.pop() {
@@ -213,7 +207,7 @@ impl Document {
     }
 
     /// May the animations change a material's alpha?
-    pub fn fades(&self, material: usize) -> bool {
+    pub(crate) fn fades(&self, material: usize) -> bool {
         let start = format!("/materials/{material}/");
         let fades = |name: &str| ["baseColorFactor", "diffuseFactor", "alphaCutoff"].contains(&name);
         let mut channels = self.animations.sound().flat_map(|(_, animation)| &animation.channels);
@@ -221,7 +215,7 @@ impl Document {
     }
 
     /// Faulty elements: JSON paths and faults. A fault is repeated for every element that depends on the faulty one.
-    pub fn faults(&self) -> Vec<(String, Error)> {
+    pub(crate) fn faults(&self) -> Vec<(String, Error)> {
         let unreadable = |(_, image): (usize, &Image)| match &image.data {
             ImageData::Unreadable(error) => Some((image.at.clone(), error.clone())),
             _ => None,

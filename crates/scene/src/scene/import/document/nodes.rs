@@ -13,7 +13,6 @@ use super::table::Table;
 use crate::error::Result;
 use crate::scene::import::complaint::bad;
 
-/// A checked node.
 #[derive(Debug)]
 pub struct Node {
     pub name: String,
@@ -69,9 +68,7 @@ impl Node {
     }
 
     /// What the node refers to.
-    ///
-    /// # Errors
-    /// Its fault, if it is invalid.
+    /// Errors: Its fault, if it is invalid.
     pub fn content(&self) -> Result<&Content> {
         self.content.as_ref().map_err(Clone::clone)
     }
@@ -155,7 +152,7 @@ impl Instancing {
 }
 
 /// Checks that every node has at most one parent and is not its own ancestor.
-pub fn check_forest(nodes: &[Node]) -> Result<()> {
+pub(crate) fn check_forest(nodes: &[Node]) -> Result<()> {
     let mut parent: Vec<Option<usize>> = vec![None; nodes.len()];
     for (index, node) in nodes.iter().enumerate() {
         for (i, &child) in node.children.iter().enumerate() {
@@ -182,14 +179,14 @@ pub fn check_forest(nodes: &[Node]) -> Result<()> {
 }
 
 /// For each node: is it a child of another?
-pub fn have_parents(nodes: &[Node]) -> Vec<bool> {
+pub(crate) fn have_parents(nodes: &[Node]) -> Vec<bool> {
     let mut is_child = vec![false; nodes.len()];
     nodes.iter().flat_map(|n| &n.children).for_each(|&child| is_child[child] = true);
     is_child
 }
 
 /// Indices of the nodes without a parent.
-pub fn top_nodes(nodes: &[Node]) -> Vec<usize> {
+pub(crate) fn top_nodes(nodes: &[Node]) -> Vec<usize> {
     let is_child = have_parents(nodes);
     (0..nodes.len()).filter(|&i| !is_child[i]).collect()
 }

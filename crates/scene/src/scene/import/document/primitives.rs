@@ -16,7 +16,6 @@ pub struct Primitive {
     pub indices: Option<usize>,
     pub mode: u64,
     pub material: Option<usize>,
-    /// Displacements of each morph target.
     pub targets: Vec<Attributes>,
     /// Compressed source of the elements, if the accessors have no view.
     pub draco: Option<Draco>,
@@ -41,7 +40,6 @@ pub struct References<'a> {
     pub materials: &'a Table<Material>,
     /// Whether the document requires KHR_mesh_quantization, which allows more formats of attributes.
     pub quantized: bool,
-    /// Index of the chosen material variant.
     pub variant: Option<usize>,
 }
 
@@ -64,7 +62,7 @@ impl Mesh {
 }
 
 /// `weights` of a mesh or node, one per morph target.
-pub fn read_weights(json: &Json, targets: usize) -> Result<Option<Vec<f32>>> {
+pub(crate) fn read_weights(json: &Json, targets: usize) -> Result<Option<Vec<f32>>> {
     let Some(weights) = json.numbers("weights")? else { return Ok(None) };
     if targets == 0 && !weights.is_empty() {
         json.repaired("weights", "weights without morph targets have no effect");
@@ -168,7 +166,7 @@ impl Primitive {
     }
 
     /// Accessors of each pair of JOINTS and WEIGHTS.
-    pub fn skin_sets(&self) -> impl Iterator<Item = (usize, usize)> {
+    pub(crate) fn skin_sets(&self) -> impl Iterator<Item = (usize, usize)> {
         let accessor = move |semantic| self.attributes.get(&semantic).copied();
         (0..).map_while(move |i| Some((accessor(Semantic::Joints(i))?, accessor(Semantic::Weights(i))?)))
     }

@@ -42,7 +42,7 @@ impl<T> Table<T> {
     }
 
     /// JSON paths of the faulty elements, with their faults.
-    pub fn faults(&self) -> impl Iterator<Item = (String, &Error)> {
+    pub(crate) fn faults(&self) -> impl Iterator<Item = (String, &Error)> {
         let faulty =
             self.elements.iter().enumerate().filter_map(|(index, element)| Some((index, element.as_ref().err()?)));
         faulty.map(|(index, error)| (format!("{}[{index}]", self.name), error))

@@ -15,7 +15,6 @@ const MIN_SKIPPED_BYTES: u64 = 1 << 20;
 /// Bytes of a file or a data URI, whole or in parts.
 #[derive(Debug, Clone, Default)]
 pub struct Blob {
-    /// Total length in bytes.
     pub length: u64,
     /// Parts that were read, each with its offset, in order.
     parts: Arc<[(u64, Bytes)]>,
@@ -71,7 +70,6 @@ impl Blob {
         (within.start <= within.end && within.end <= part.len()).then(|| part.slice(within))
     }
 
-    /// Number of bytes in memory.
     pub fn read_bytes(&self) -> u64 {
         self.parts.iter().map(|(_, part)| part.len() as u64).sum()
     }

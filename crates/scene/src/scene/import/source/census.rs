@@ -10,7 +10,6 @@ pub struct Census {
     pub vertices: u64,
     pub triangles: u64,
     pub meshes: u64,
-    /// Placements of meshes.
     pub instances: u64,
     /// Emissive triangles, counted for each placement.
     pub emissive_triangles: u64,
@@ -91,13 +90,11 @@ fn placements(json: &Value, node: &Value) -> u64 {
     }
 }
 
-/// Number of an accessor's elements.
 fn count(json: &Value, accessor: &Value) -> u64 {
     let count = index(accessor).and_then(|i| json["accessors"][i]["count"].as_u64()).unwrap_or(0);
     if count < MOST { count } else { 0 }
 }
 
-/// Number of values in a text.
 fn values(json: &Value) -> u64 {
     1 + match json {
         Value::Array(list) => list.iter().map(values).sum(),

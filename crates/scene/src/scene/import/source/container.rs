@@ -12,7 +12,6 @@ use super::input::{Input, STANDARD_INPUT};
 use super::read::{open_regular, refuse_pointer};
 use crate::error::{Error, Result};
 
-/// The first bytes of a GLB.
 const MAGIC: [u8; 4] = *b"glTF";
 /// Bytes of a GLB's header: magic, version, length.
 const HEADER: u64 = 12;
@@ -25,22 +24,19 @@ const BIN_CHUNK: u32 = 0x004E_4942;
 /// JSON paths, and what was done there.
 pub type Repairs = Vec<(String, &'static str)>;
 
-/// A scene file's parts.
 pub struct Container {
     pub json: Value,
     /// Small faults that were mended: JSON paths and what was done.
     pub repairs: Repairs,
     pub input: Input,
-    /// Size of the file in bytes.
     pub file_bytes: u64,
     /// Byte range of the GLB's binary chunk.
     pub bin: Option<Range<u64>>,
 }
 
 /// Reads a GLB as far as its header says.
-///
-/// # Errors
-/// [`Error::Data`] for anything but a GLB; [`Error::Host`] for one of more than `limit` bytes, before it is read; [`Error::Io`].
+/// Errors: [`Error::Data`] for anything but a GLB; [`Error::Host`] for one of more than `limit` bytes, before it is read;
+/// [`Error::Io`].
 pub fn read_glb(reader: &mut dyn Read, limit: u64) -> Result<Bytes> {
     let failed = |e: io::Error| Error::Io(format!("{STANDARD_INPUT}: cannot read: {e}"));
     let mut bytes = Vec::new();

@@ -23,9 +23,7 @@ pub enum Input {
 
 impl Input {
     /// The bytes of a range, which lies within the input.
-    ///
-    /// # Errors
-    /// A failed read, no memory.
+    /// Errors: A failed read, no memory.
     pub fn bytes(&self, path: &Path, range: Range<u64>) -> Result<Bytes> {
         let failed = |e| Error::reading(path, &e);
         let size = usize::try_from(range.end - range.start).unwrap_or(usize::MAX);

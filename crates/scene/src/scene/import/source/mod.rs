@@ -39,12 +39,10 @@ pub struct Data {
 /// A scene file and the files that it refers to, in memory, except for data that none of its scenes can show.
 #[derive(Debug)]
 pub struct Source {
-    /// The scene file's path.
     pub path: PathBuf,
     pub json: Value,
     /// Small faults of it that were mended.
     pub repairs: Repairs,
-    /// The GLB's binary chunk.
     pub bin: Option<Blob>,
     /// Size of all files in bytes, each counted once.
     pub file_bytes: u64,
@@ -59,17 +57,12 @@ pub struct Source {
 
 impl Source {
     /// Reads the files. Errors of files that the document refers to are kept until the document is checked.
-    ///
-    /// # Errors
-    /// The scene file missing, forbidden, not regular or neither GLB nor JSON.
+    /// Errors: The scene file missing, forbidden, not regular or neither GLB nor JSON.
     pub fn open(path: &Path) -> Result<Self> {
         Self::of(path, container::open(path)?, Some(uri::folder_of(path)?))
     }
 
     /// Reads a GLB of at most `limit` bytes, which has no folder: it can name no other file.
-    ///
-    /// # Errors
-    /// Those of [`container::read_glb`], and of the container.
     pub fn read_glb(reader: &mut dyn Read, limit: u64) -> Result<Self> {
         let (path, bytes) = (Path::new(STANDARD_INPUT), container::read_glb(reader, limit)?);
         let file_bytes = bytes.len() as u64;
@@ -126,17 +119,13 @@ impl Source {
     }
 
     /// Data of `buffers[index].uri`; `None` without a URI.
-    ///
-    /// # Errors
-    /// A URI that is refused, a file that is missing or cannot be read; with the JSON path.
+    /// Errors: A URI that is refused, a file that is missing or cannot be read; with the JSON path.
     pub fn buffer(&self, index: usize) -> Result<Option<Data>> {
         self.buffers.get(index).cloned().flatten().transpose()
     }
 
     /// Data of `images[index].uri`; `None` without a URI or if no scene can show it.
-    ///
-    /// # Errors
-    /// A URI that is refused, a file that is missing or cannot be read; with the JSON path.
+    /// Errors: A URI that is refused, a file that is missing or cannot be read; with the JSON path.
     pub fn image(&self, index: usize) -> Result<Option<Data>> {
         self.images.get(index).cloned().flatten().transpose()
     }

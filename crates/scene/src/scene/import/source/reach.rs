@@ -7,11 +7,8 @@ use serde_json::Value;
 /// Reachable elements, by array.
 #[derive(Debug)]
 pub struct Reach {
-    /// By index into `nodes`.
     pub nodes: Vec<bool>,
-    /// By index into `meshes`.
     pub meshes: Vec<bool>,
-    /// By index into `images`.
     pub images: Vec<bool>,
     materials: Vec<bool>,
     textures: Vec<bool>,
@@ -101,7 +98,6 @@ impl Reach {
         }
     }
 
-    /// Reachable byte ranges of a buffer.
     pub fn ranges(&self, json: &Value, buffer: usize) -> Vec<Range<u64>> {
         let range = |part: &Value| {
             let start = part["byteOffset"].as_u64().unwrap_or(0);

@@ -8,10 +8,8 @@ use std::path::Path;
 use crate::error::{Error, Result};
 
 /// Opens a regular file and returns its size in bytes. Pipes and devices are refused before they are opened.
-///
-/// # Errors
-/// The file is missing, not permitted, not regular, or larger than `limit` bytes.
-pub fn open_regular(path: &Path, limit: u64) -> Result<(File, u64)> {
+/// Errors: The file is missing, not permitted, not regular, or larger than `limit` bytes.
+pub(crate) fn open_regular(path: &Path, limit: u64) -> Result<(File, u64)> {
     let reading = |e| Error::reading(path, &e);
     let refused = |text: String| Err(Error::Data(format!("{}: {text}", path.display())));
     if !std::fs::metadata(path).map_err(reading)?.is_file() {
@@ -25,10 +23,8 @@ pub fn open_regular(path: &Path, limit: u64) -> Result<(File, u64)> {
 }
 
 /// Refuses a Git LFS pointer, which stands in place of a file that was not downloaded.
-///
-/// # Errors
-/// [`Error::Data`], which names the cure.
-pub fn refuse_pointer(path: &Path, bytes: &[u8]) -> Result<()> {
+/// Errors: [`Error::Data`], which names the cure.
+pub(crate) fn refuse_pointer(path: &Path, bytes: &[u8]) -> Result<()> {
     if bytes.len() < 1024 && bytes.starts_with(b"version https://git-lfs.github.com/spec/") {
         let text = "a Git LFS pointer in place of the file: run `git lfs pull` where it comes from, and copy it again";
         return Err(Error::Data(format!("{}: {text}", path.display())));

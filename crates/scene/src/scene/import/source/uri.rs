@@ -17,7 +17,6 @@ const BASE64: GeneralPurpose = GeneralPurpose::new(
         .with_decode_allow_trailing_bits(true),
 );
 
-/// A resolved URI.
 #[derive(Debug)]
 pub enum Resource {
     /// A regular file under the scene's folder.
@@ -43,10 +42,8 @@ pub fn folder_of(scene: &Path) -> Result<PathBuf> {
 }
 
 /// Resolves the URI at JSON path `at`.
-///
-/// # Errors
-/// Any file without a `folder`; a scheme other than `data:`, an absolute path, a path or link that leaves `folder`, anything but a regular
-/// file, malformed data: [`Error::Data`]. A file that does not exist: [`Error::Missing`].
+/// Errors: Any file without a `folder`; a scheme other than `data:`, an absolute path, a path or link that leaves `folder`,
+/// anything but a regular file, malformed data: [`Error::Data`]. A file that does not exist: [`Error::Missing`].
 pub fn resolve(uri: &str, folder: Option<&Path>, at: &str) -> Result<Resource> {
     if let Some(data) = uri.strip_prefix("data:") {
         return decode(data, at);

@@ -9,7 +9,7 @@ const MAX_TEXELS_PER_BYTE: u64 = 4096;
 const UNCHECKED_TEXELS: u64 = 1 << 20;
 
 /// Width and height in texels, or why the picture cannot be decoded.
-pub fn probe(bytes: &[u8]) -> std::result::Result<(u32, u32), String> {
+pub(crate) fn probe(bytes: &[u8]) -> std::result::Result<(u32, u32), String> {
     let header = |at: usize| bytes.get(at..at + 4)?.try_into().ok().map(u32::from_le_bytes);
     // KTX2, 3.1: vkFormat, which is 0 for Basis Universal; pixelWidth, pixelHeight, pixelDepth, layerCount, faceCount.
     let sizes = [12, 20, 24, 28, 32, 36].map(header);

@@ -14,9 +14,7 @@ use crate::scene::import::document::primitives::Primitive;
 const MAX_BYTES_PER_VERTEX: u64 = 512;
 
 /// Tightly packed elements of the primitive's accessors, by accessor index.
-///
-/// # Errors
-/// A damaged stream, or one that does not match the accessors.
+/// Errors: A damaged stream, or one that does not match the accessors.
 pub fn decode(
     document: &Document,
     primitive: &Primitive,

@@ -11,9 +11,7 @@ use crate::scene::import::document::meshopt::Meshopt;
 const MAX_SCRATCH_BYTES: usize = 1 << 20;
 
 /// The view's decoded bytes: `count` elements of `stride` bytes.
-///
-/// # Errors
-/// A damaged stream.
+/// Errors: A damaged stream.
 pub fn decode(view: &Meshopt, stream: &[u8]) -> Result<Vec<u8>> {
     let (count, stride) = (view.count as usize, view.stride as usize);
     guarded(|| {
