@@ -3,11 +3,13 @@
 "use strict";
 
 const { spawn } = require("node:child_process");
-const { existsSync, mkdtempSync, readFileSync, rmSync, writeFileSync } = require("node:fs");
+const { randomBytes } = require("node:crypto");
+const { existsSync, mkdirSync, readFileSync, rmSync, writeFileSync } = require("node:fs");
 const os = require("node:os");
 const path = require("node:path");
 const { Readable, pipeline } = require("node:stream");
 const { fileURLToPath } = require("node:url");
+const { getSystemErrorMap } = require("node:util");
 const { isAnyArrayBuffer } = require("node:util/types");
 
 const { version } = require("./package.json");
@@ -28,15 +30,42 @@ class BismarError extends Error {
   }
 }
 
-/** Does `work`; errors of the system are a BismarError. */
-function ours(work, what) {
+/** Exit codes of what the system refuses, but for 73. */
+const CODES = { E2BIG: 64, ENOSPC: 74, EDQUOT: 74, EIO: 74, EMFILE: 76, ENFILE: 76, EAGAIN: 76, ENOMEM: 76, EACCES: 77, EPERM: 77 };
+
+/** Does `work`; errors of the system are a BismarError that says `what` failed, the system's reason, and what to `change`. */
+function ours(work, what, change, code) {
   try {
     return work();
   } catch (error) {
-    if (typeof error?.syscall !== "string") throw error;
-    const codes = { E2BIG: 64, ENOSPC: 74, EDQUOT: 74, EIO: 74, EMFILE: 76, ENFILE: 76, EAGAIN: 76, ENOMEM: 76, EACCES: 77, EPERM: 77 };
-    throw new BismarError(`${what}: ${error.message}`, codes[error.code] ?? 73);
+    throw refused(error, what, change, code);
   }
+}
+
+function refused(error, what, change, code = 73) {
+  if (typeof error?.syscall !== "string") return error;
+  const reason = getSystemErrorMap().get(error.errno)?.[1] ?? "refused";
+  return new BismarError(`${what}: ${reason} (${error.code}). ${change}`, CODES[error.code] ?? code);
+}
+
+const temporary = (work) =>
+  ours(work, `cannot use a temporary folder in ${os.tmpdir()}`, "Set TMPDIR to a folder that exists, has room, and can be written");
+
+/** Why the program does not begin. */
+function notBegun(error, file) {
+  const long = error.code === "E2BIG";
+  const change = long
+    ? "Options, paths and environment variables are too long: pass fewer or shorter ones"
+    : ["EMFILE", "ENFILE", "EAGAIN", "ENOMEM"].includes(error.code)
+      ? "Make fewer calls at once, or raise this process's limits (ulimit -n, -u, -v)"
+      : "Install the package @bismar/linux-x64-gnu again, where programs may be executed";
+  return refused(error, `cannot start ${file}`, change, 76);
+}
+
+/** A text for the command line. */
+function whole(text, name) {
+  if (text.includes("\0")) throw new TypeError(`${name} has null bytes`);
+  return text;
 }
 
 /** The path of the program. */
@@ -82,7 +111,7 @@ function flags(command, options) {
     if (!list.every(isPlain)) throw new TypeError(`${command}: ${name} is neither a number nor a text, nor a list of them`);
     // An empty list of AOVs.
     const text = list.length === 0 ? "none" : list.join(known.value === "WxH" ? "x" : ",");
-    return [`--${flag}=${text}`];
+    return [whole(`--${flag}=${text}`, `${command}: ${name}`)];
   });
 }
 
@@ -100,7 +129,7 @@ function pathOf(value) {
   const text = typeof value === "object" ? value?.href : value;
   if (typeof text !== "string" || text === "") throw new TypeError("expected a path, a file: URL, or bytes");
   if (text !== value || /^file:/i.test(text)) return fileURLToPath(text);
-  return ours(() => path.resolve(text), text);
+  return ours(() => path.resolve(whole(text, "a path")), text, "The working directory is gone: give an absolute path");
 }
 
 /** Processes and folders of calls that have not ended. Where this process ends without `exit`, the program removes both. */
@@ -110,10 +139,19 @@ let running = 0;
 
 function end(call) {
   call.child?.kill("SIGKILL");
-  if (call.folder !== undefined) rmSync(call.folder, { recursive: true, force: true });
+  // The program may write until it has ended.
+  if (call.made) temporary(() => rmSync(call.folder, { recursive: true, force: true, maxRetries: 3 }));
 }
 
-const endAll = () => open.forEach(end);
+function endAll() {
+  for (const call of open) {
+    try {
+      end(call);
+    } catch {
+      // No reason to keep the others.
+    }
+  }
+}
 
 /** As many programs at once as there are processors; each uses all of them, and memory. */
 async function turn(signal) {
@@ -142,8 +180,8 @@ function next() {
 }
 
 /**
- * Runs the program with what `prepare` returns of a private folder: `args`, `input` (bytes for its standard input), and
- * `result`, which makes the call's result of its output.
+ * Runs the program with what `prepare` returns of a private folder: `args`, `input` (bytes for its standard input) or `files`
+ * (paths in the folder and bytes), and `result`, which makes the call's result of its output.
  */
 async function run(signal, progress, prepare) {
   if (signal !== undefined && typeof signal?.throwIfAborted !== "function") throw new TypeError("signal is not an AbortSignal");
@@ -156,29 +194,33 @@ async function run(signal, progress, prepare) {
     if (open.size === 0) process.on("exit", endAll);
     open.add(call);
     signal?.throwIfAborted();
-    const temporary = `a temporary folder in ${os.tmpdir()}, which TMPDIR names`;
-    const { args, input, result } = ours(() => {
-      call.folder = mkdtempSync(path.join(path.resolve(os.tmpdir()), "bismar-"));
-      return prepare(call.folder);
-    }, temporary);
-    const output = await ended(call, file, args, input, signal, progress);
-    return ours(() => result(output), temporary);
+    call.folder = temporary(() => path.join(path.resolve(os.tmpdir()), `bismar-${randomBytes(12).toString("hex")}`));
+    const { result, ...what } = prepare(call.folder);
+    const output = await ended(call, file, what, signal, progress);
+    return temporary(() => result(output));
   } finally {
-    end(call);
     open.delete(call);
     if (open.size === 0) process.removeListener("exit", endAll);
     next();
+    end(call);
   }
 }
 
 /** Waits for the end of the program, and returns what it has printed. */
-function ended(call, file, args, input, signal, progress) {
+function ended(call, file, { args, input = new Uint8Array(0), files = [] }, signal, progress) {
   return new Promise((resolve, reject) => {
-    const stdio = [input === undefined ? "ignore" : "pipe", "pipe", "pipe"];
+    // The program begins before there is a folder, and removes it when this process ends. Signals of a terminal reach this process
+    // alone: they could end the program before it listens.
     const env = { ...process.env, BISMAR_CALL_FOLDER: call.folder };
-    const child = ours(() => spawn(file, ["--log=json", ...args], { stdio, env }), file);
+    const options = { stdio: ["pipe", "pipe", "pipe"], env, detached: true };
+    let child;
+    try {
+      child = spawn(file, ["--log=json", ...args], options);
+    } catch (error) {
+      throw notBegun(error, file);
+    }
     call.child = child;
-    child.on("error", (error) => reject(new BismarError(`${file}: ${error.message}`, 76)));
+    child.on("error", (error) => reject(notBegun(error, file)));
     // Without file descriptors left, there are no pipes.
     if (child.stdout === undefined || child.stdout === null) return;
     const warnings = [];
@@ -192,12 +234,21 @@ function ended(call, file, args, input, signal, progress) {
     };
     const onAbort = () => abort(signal.reason);
     signal?.addEventListener("abort", onAbort, { once: true });
-    if (input !== undefined) {
+    try {
+      temporary(() => {
+        mkdirSync(call.folder, { mode: 0o700 });
+        call.made = true;
+        files.forEach(([name, bytes]) => writeFileSync(name, bytes, { mode: 0o600 }));
+      });
+      // It waits for the first byte.
       const chunks = function* () {
+        yield Buffer.of(0);
         for (let at = 0; at < input.length; at += CHUNK) yield input.subarray(at, at + CHUNK);
       };
       // A program that refuses its input closes it; its exit code says why.
       pipeline(Readable.from(chunks(), { objectMode: false }), child.stdin, () => {});
+    } catch (error) {
+      abort(error);
     }
     lines(child.stdout, (line) => {
       if (progress === undefined) {
@@ -226,7 +277,9 @@ function ended(call, file, args, input, signal, progress) {
       else if (code === 0 || code === 1) resolve({ text: output, warnings });
       else {
         const why = message || text.trim().replace(/^error: /, "") || (killed ? `ended by ${killed}` : "no message");
-        reject(new BismarError(why, code ?? 76, warnings));
+        const place = [73, 74, 77].includes(code) && why.includes(call.folder)
+          ? ". TMPDIR names where this folder is: it must exist and have room" : "";
+        reject(new BismarError(why + place, code ?? 76, warnings));
       }
     });
   });
@@ -279,23 +332,24 @@ async function inspect(scene, { signal, ...options } = {}) {
   return run(signal, undefined, () => ({ args, input, result: ({ text }) => JSON.parse(text) }));
 }
 
-/** The path of a file, or of a new one in the folder that holds the bytes. */
-function placed(folder, name, value) {
+/** The path of a file, or of one of `files` in the folder, which is to hold the bytes. */
+function placed(folder, files, name, value) {
   if (!isBytes(value)) return pathOf(value);
   const bytes = bytesOf(value);
   const kinds = { 0x762f3101: "exr", 0x89504e47: "png", 0x676c5446: "glb" };
   const first = Buffer.from(bytes.subarray(0, 4)).toString("hex");
   const kind = kinds[Number(`0x${first}`)] ?? (first.startsWith("ffd8ff") ? "jpg" : "hdr");
   const file = path.join(folder, `${name}.${kind}`);
-  writeFileSync(file, bytes, { mode: 0o600 });
+  files.push([file, bytes]);
   return file;
 }
 
 async function compare(a, b, { signal, ...options } = {}) {
   const given = flags("compare", options);
   return run(signal, undefined, (folder) => {
-    const args = ["compare", "--json", ...given, "--", placed(folder, "a", a), placed(folder, "b", b)];
-    return { args, result: ({ text }) => JSON.parse(text) };
+    const files = [];
+    const args = ["compare", "--json", ...given, "--", placed(folder, files, "a", a), placed(folder, files, "b", b)];
+    return { args, files, result: ({ text }) => JSON.parse(text) };
   });
 }
 
@@ -303,11 +357,12 @@ async function look(scenes, { signal, ...options } = {}) {
   const given = flags("look", options);
   return run(signal, undefined, (folder) => {
     const sheet = path.join(folder, "sheet.png");
-    const files = [scenes].flat().map((scene, i) => placed(folder, `scene-${i + 1}`, scene));
+    const files = [];
+    const paths = [scenes].flat().map((scene, i) => placed(folder, files, `scene-${i + 1}`, scene));
     const result = ({ text, warnings }) => {
       return { png: new Uint8Array(readFileSync(sheet)), report: JSON.parse(text), warnings };
     };
-    return { args: ["look", "-o", sheet, ...given, "--", ...files], result };
+    return { args: ["look", "-o", sheet, ...given, "--", ...paths], files, result };
   });
 }
 

@@ -11,7 +11,7 @@ import vm from "node:vm";
 
 import * as bismar from "bismar";
 
-const { BismarError, compare, inspect, program, render } = bismar;
+const { BismarError, compare, inspect, look, program, render } = bismar;
 const scene = path.join(process.env.BISMAR_REPOSITORY, "scenes", "cornell.glb");
 const glb = readFileSync(scene);
 const table = JSON.parse(readFileSync(path.join(path.dirname(createRequire(import.meta.url).resolve("bismar")), "options.json")));
@@ -107,7 +107,8 @@ test("options have every form of Python's and unknown ones start nothing", async
   }
   await assert.rejects(render(""), TypeError);
   await assert.rejects(render(7), TypeError);
-  await assert.rejects(render("a\0b"), /null bytes/);
+  for (const call of [render, (file) => compare(glb, file)]) await assert.rejects(call("a\0b"), /^TypeError: a path has null bytes/);
+  await assert.rejects(render(scene, { camera: "a\0b" }), /^TypeError: render: camera has null bytes/);
   await refuses(render(scene, { spp: 0 }), 64, /spp/);
   await refuses(render(scene, { camera: "--help" }), 64, /--help/);
   assertNothingIsLeft();
@@ -188,11 +189,15 @@ test("errors of the system are the package's, and say what to change", async () 
   const own = process.env.TMPDIR;
   for (const folder of ["/no/such/folder", scene]) {
     process.env.TMPDIR = folder;
-    for (const call of [render(glb), compare(glb, glb), inspect(glb)]) await refuses(call, 73, /TMPDIR/);
+    const why = new RegExp(`^cannot use a temporary folder in ${folder}: no.* directory \\(ENO.*\\)\\. Set TMPDIR to a folder`);
+    for (const call of [render, (bytes) => compare(bytes, bytes), inspect, look]) await refuses(call(glb), 73, why);
   }
   process.env.TMPDIR = own;
-  await refuses(render(scene, { camera: "x".repeat(1 << 18) }), 64, /E2BIG/);
-  await refuses(compare(glb, "x".repeat(1 << 18)), 64, /E2BIG/);
+  const long = "x".repeat(1 << 18);
+  const many = Array(1 << 16).fill(`/${"x".repeat(60)}`);
+  for (const call of [() => render(scene, { camera: long }), () => render(`/${long}`), () => compare(glb, long), () => look(many)]) {
+    await refuses(call(), 64, /^cannot start \/.*: argument list too long \(E2BIG\)\. .*: pass fewer or shorter ones$/);
+  }
   assertNothingIsLeft();
 });
 
@@ -214,12 +219,17 @@ test("however a process or a worker ends, its renders end, and their folders go"
   const worker = `const worker = new (require("node:worker_threads").Worker)(${JSON.stringify(call)}, { eval: true, stdout: true });
     worker.stdout.once("data", () => worker.terminate()); worker.once("exit", () => console.log("begun"));
     setInterval(() => {}, 1000);`;
-  for (const [code, end] of [[call, "SIGTERM"], [call, "SIGHUP"], [call, "SIGINT"], [call, "SIGKILL"], [worker, undefined],
+  // While bytes are written, and while the program begins.
+  const writes = `const bytes = Buffer.alloc(4e8); console.log("begun"); require("bismar").compare(bytes, bytes).catch(() => {});`;
+  const begins = `console.log("begun"); ${call}`;
+  for (const [code, end] of [...["SIGTERM", "SIGHUP", "SIGINT", "SIGKILL", "group"].map((end) => [call, end]), [worker, undefined],
+    [writes, "SIGKILL"], [writes, "SIGINT"], [begins, "group"],
     [`${call} process.stdin.once("data", () => { throw new Error("x"); });`, "throw"]]) {
     const folder = mkdtempSync(path.join(temporary, "ends-"));
-    const child = spawn(process.execPath, ["-e", code], { env: { ...process.env, TMPDIR: folder }, stdio: ["pipe", "pipe", "ignore"] });
+    const child = spawn(process.execPath, ["-e", code], { env: { ...process.env, TMPDIR: folder }, stdio: ["pipe", "pipe", "ignore"], detached: true });
     await new Promise((resolve) => child.stdout.once("data", resolve));
     if (end === "throw") child.stdin.write("now");
+    else if (end === "group") process.kill(-child.pid, "SIGINT");
     else if (end !== undefined) child.kill(end);
     await untilNothingIsLeft(folder);
     child.kill("SIGKILL");
@@ -262,6 +272,6 @@ test("other platforms get a clear error", async () => {
 });
 
 test("look makes a contact sheet", async () => {
-  const { png, report } = await bismar.look([scene, glb]);
+  const { png, report } = await look([scene, glb]);
   assert.ok(png.length > 100 && typeof report === "object");
 });

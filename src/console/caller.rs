@@ -13,7 +13,7 @@ use signal_hook::low_level;
 pub(super) const ORPHANED_EXIT_CODE: i32 = 75;
 
 /// Environment variables of the npm package: the process whose end is a SIGTERM for this one; and the folder of a call, which goes at
-/// once with whoever reads standard output.
+/// once with whoever reads standard output. It is there when a byte is on standard input, before the input itself.
 const CALLER: &str = "BISMAR_CALLER";
 const CALL_FOLDER: &str = "BISMAR_CALL_FOLDER";
 
@@ -47,4 +47,13 @@ pub(crate) fn end_with_caller() {
         }
         low_level::exit(ORPHANED_EXIT_CODE);
     });
+    // Not by io::stdin, which would take more than that byte.
+    if let Ok(mut stdin) = io::stdin().as_fd().try_clone_to_owned().map(File::from)
+        && stdin.read_exact(&mut [0]).is_err()
+    {
+        // The caller has ended, and the thread ends this process.
+        loop {
+            thread::park();
+        }
+    }
 }
