@@ -6,8 +6,8 @@ use bismar::film::compare::compare;
 use bismar::film::{Picture, Pixels, exr_file};
 use bismar::rays::Backend;
 use bismar::render::{Balance, Choice, RenderSettings, Technique};
-use bismar::scene::{Environment, Material, PunctualKind, PunctualLight, Scene};
-use glam::Vec3;
+use bismar::scene::{AlphaMode, Environment, Material, PunctualKind, PunctualLight, Scene};
+use glam::{Vec3, Vec4};
 
 use crate::helpers::program::{Folder, expect};
 use crate::helpers::stage::{Stage, add, area_light, closed_box, lambert, look, metal, punctual, rectangle, sphere};
@@ -67,6 +67,8 @@ fn pixels_that_share_paths_have_the_mean_of_those_that_do_not() {
         Material { clearcoat: 1.0, clearcoat_roughness: 0.0, ..plastic.clone() },
         Material { diffuse_transmission: 0.5, ..plastic },
         pane.clone(),
+        // Which surfaces are there depends on the ray.
+        Material { alpha_mode: AlphaMode::Blend, base_color: Vec4::new(0.7, 0.7, 0.7, 0.5), ..lambert(0.7) },
         Material { absorption: Vec3::new(2.0, 0.5, 1.0), dispersion: 2.0, bounds_medium: true, ..pane },
     ];
     let modes = ["2", "4", "16", "64:16", "8:1"];

@@ -79,7 +79,7 @@ fn each_path_of_a_wave_is_the_scalar_path() {
         let settings = RenderSettings { clamp_direct: limit(0.5), clamp_indirect: limit(0.1), ..settings };
         let unguided = transport(&stage.scene, &settings);
         let learned = learned(&stage.scene, &settings, &unguided, &AtomicBool::new(false));
-        let field = learned.as_ref().and_then(|learned| learned.field.as_ref());
+        let field = learned.as_ref().and_then(|(field, _)| field.as_ref());
         assert_eq!(field.is_some(), guiding == Choice::On);
         // A third of the area lights contribute nothing anywhere.
         let light_samples = || -> Vec<_> {

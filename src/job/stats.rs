@@ -16,7 +16,7 @@ use crate::scene::Scene;
 use crate::{Error, Result};
 
 /// Schema version; raised when a field changes its meaning or is removed.
-const SCHEMA: u32 = 3;
+const SCHEMA: u32 = 4;
 
 /// Statistics of a render. The copy in the picture's header lacks what is known only after writing it.
 #[derive(Debug, Clone, Serialize)]

@@ -146,7 +146,7 @@ pub fn run(scene: &PreparedScene, settings: &RenderSettings, options: RunOptions
     let before = stats.techniques;
     let stats = RenderStats { noise: f64::INFINITY, techniques: prepasses.stats().or(&before), ..stats };
     if unfinished {
-        info!("{}", Decisions::of(settings, &stats.techniques));
+        Decisions::of(settings, &stats.techniques).lines().for_each(|line| info!("{line}"));
     }
     let [on, was_on] = [stats.techniques, before].map(|found| found[Technique::Guiding].map(|guiding| guiding.on));
     if was_on == Some(false) && on == Some(true) {

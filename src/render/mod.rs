@@ -11,7 +11,7 @@ pub mod replay;
 pub mod settings;
 
 pub use driver::{Pause, RunOptions, render, run};
-pub use pass::decisions::{Decision, Decisions, Found, TechniqueStats};
+pub use pass::decisions::{Decision, Decisions, Found, RuledOut, TechniqueStats};
 pub use pass::fireflies::Fireflies;
 pub use pass::goal::Goal;
 pub use pass::pixels::TilePixels;

@@ -2,14 +2,31 @@
 //! statistics.
 
 use std::collections::BTreeMap;
-use std::fmt::{self, Display};
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use serde_json::Value;
 
 use crate::integrator::Reuse;
 use crate::render::settings::RenderSettings;
-use crate::render::settings::techniques::{Choice, PerTechnique, Technique};
+use crate::render::settings::techniques::{Choice, PerTechnique};
+
+bismar_scene::named_variants! {
+    /// Why a technique is not used in a scene.
+    pub enum RuledOut {
+        /// There is no environment with bright and dark parts.
+        EvenEnvironment = "no environment with bright and dark parts",
+        /// There are no emissive triangles, or one.
+        FewLights = "no emissive triangles to choose among",
+        /// Paths end at first surfaces.
+        Direct = "no indirect light",
+        /// What a surface sees depends on the time of the path.
+        Moves = "nothing is shared where something moves while the shutter is open",
+        /// Clamped light is not lent.
+        Clamp = "nothing is shared with a clamp of indirect light",
+        /// Lent light is of all lights.
+        LightGroups = "nothing is shared with groups of lights",
+    }
+}
 
 /// What the pre-pass of a technique has found; `None` for what it does not have.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
@@ -23,18 +40,15 @@ pub struct TechniqueStats {
     /// Bytes of what it has learned.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bytes: Option<usize>,
-    /// Estimated fraction that remains, of [`Row::fraction_of`](crate::render::settings::techniques::Row::fraction_of); of guiding, of variance times rays.
+    /// Estimated fraction of error times cost that remains, over the techniques that were taken before.
     #[serde(rename = "left", skip_serializing_if = "Option::is_none")]
     pub remaining: Option<f64>,
-    /// Variance of guided paths over that of unguided ones.
+    /// Its standard error, where some of the picture's tiles were rendered both ways.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub variance: Option<f32>,
-    /// Rays of a guided path over those of an unguided one.
+    pub standard_error: Option<f64>,
+    /// Why there is nothing to decide.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub cost: Option<f32>,
-    /// Mean fraction of directions that are sampled from the field.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub share: Option<f32>,
+    pub why: Option<RuledOut>,
     /// Sizes of groups of path re-use.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sizes: Option<Reuse>,
@@ -89,22 +103,26 @@ impl Decisions {
     /// The decisions of a render with these settings, whose pre-passes found this.
     pub fn of(settings: &RenderSettings, found: &Found) -> Self {
         Self::new(|technique| {
-            let row = technique.row();
             let Some(stats) = found[technique] else {
-                return Decision { on: false, why: settings.rules_out(technique).unwrap_or(row.nothing.into()) };
+                let why = settings.rules_out(technique).unwrap_or("there is nothing to sample better".into());
+                return Decision { on: false, why };
             };
-            let what = match stats {
-                TechniqueStats { variance: Some(variance), cost: Some(cost), .. } => {
-                    format!("leaves {variance:.2} of the variance at {cost:.2} of the cost")
-                }
-                TechniqueStats { remaining: Some(left), sizes: Some(sizes), .. } => {
-                    format!("{sizes} leaves {left:.2} of the {}", row.fraction_of)
-                }
-                TechniqueStats { remaining: Some(left), .. } => format!("leaves {left:.2} of the {}", row.fraction_of),
-                _ => return Decision { on: stats.on, why: "asked for".into() },
-            };
-            let asked = if settings.techniques[technique] == Choice::On { "asked for; " } else { "" };
-            Decision { on: stats.on, why: format!("{asked}{what}") }
+            let asked = settings.techniques[technique] == Choice::On;
+            let mut why: Vec<String> = stats.why.map(|why| why.name().into()).into_iter().collect();
+            why.extend(asked.then(|| "asked for".into()));
+            why.extend(stats.remaining.map(|left| {
+                let sizes = stats.sizes.map_or(String::new(), |sizes| format!("{sizes} "));
+                let error = stats.standard_error.map_or(String::new(), |error| format!(" ± {error:.2}"));
+                format!("{sizes}leaves {left:.2}{error} of error × time")
+            }));
+            Decision { on: stats.on, why: why.join("; ") }
+        })
+    }
+
+    /// A line for each technique.
+    pub fn lines(&self) -> impl Iterator<Item = String> {
+        self.iter().map(|(technique, Decision { on, why })| {
+            format!("{}: {why}, {}", technique.title(), if *on { "used" } else { "not used" })
         })
     }
 }
@@ -115,19 +133,10 @@ impl Serialize for Decisions {
     }
 }
 
-impl Display for Decisions {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        let text = |(technique, Decision { on, why }): (Technique, &Decision)| {
-            format!("{} {} ({why})", technique.row().flag.replace('-', " "), if *on { "on" } else { "off" })
-        };
-        f.write_str(&self.iter().map(text).collect::<Vec<_>>().join(", "))
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::Balance;
+    use crate::render::{Balance, Technique};
 
     #[test]
     fn each_decision_has_its_reason() {
@@ -135,25 +144,31 @@ mod tests {
         let auto = RenderSettings::default();
         let why = |settings: &RenderSettings, found: &Found, of: Technique, text: &str| {
             let decisions = Decisions::of(settings, found);
-            assert!(decisions[of].why.contains(text), "{text}: {decisions}");
-            decisions
+            assert!(decisions[of].why.contains(text), "{text}: {decisions:?}");
+            decisions.lines().collect::<Vec<_>>().join("\n")
         };
         let none = Found::default();
-        why(&auto, &none, Compensation, "no environment");
-        why(&auto, &none, Guiding, "no indirect");
+        why(&auto, &none, Compensation, "nothing to sample better");
         let few = RenderSettings { spp: Some(4), ..auto.clone() };
         why(&few, &none, Guiding, "fewer than 16");
         why(&few, &none, Adaptive, "fewer than 16");
-        why(&few.clone().with(Guiding, Choice::On), &none, Guiding, "no indirect");
+        let mut dark = none;
+        dark[Guiding] = Some(TechniqueStats { why: Some(RuledOut::Direct), ..TechniqueStats::default() });
+        let text = why(&few.with(Guiding, Choice::On), &dark, Guiding, "no indirect");
+        assert!(text.contains("guiding: no indirect light; asked for, not used"), "{text}");
         why(&RenderSettings { noise: Some(0.1), ..auto.clone() }, &none, Adaptive, "noise goal");
         let half = RenderSettings { balance: Balance::Half, ..RenderSettings::even() };
         why(&half, &none, Compensation, "--balance half");
         why(&half, &none, Guiding, "not asked for");
         let mut guided = none;
-        guided[Guiding] =
-            Some(TechniqueStats { on: true, variance: Some(0.25), cost: Some(0.9), ..TechniqueStats::default() });
-        let text = why(&auto, &guided, Guiding, "leaves 0.25 of the variance at 0.90 of the cost").to_string();
-        assert!(text.contains("guiding on (leaves 0.25 of the variance at 0.90 of the cost)"), "{text}");
+        guided[Guiding] = Some(TechniqueStats {
+            on: true,
+            remaining: Some(0.25),
+            standard_error: Some(0.031),
+            ..TechniqueStats::default()
+        });
+        let text = why(&auto, &guided, Guiding, "leaves 0.25 ± 0.03 of error × time");
+        assert!(text.contains("guiding: leaves 0.25 ± 0.03 of error × time, used"), "{text}");
         why(&auto.with(Guiding, Choice::On), &guided, Guiding, "asked for; ");
     }
 }

@@ -15,9 +15,8 @@ use tracing::debug;
 
 use super::effort::{
     self, ALLOCATION_PIXELS, ALLOCATION_PIXELS_PER_TILE, CAMERA_RAY_COST, FIRST_ALLOCATION_PIXELS_PER_TILE,
-    MAX_REMAINING_ALLOCATED, MAX_REMAINING_ALLOCATED_BY_FEW, MAX_REMAINING_BY_EMISSION_RAYS,
+    MAX_REMAINING_ALLOCATED,
 };
-use super::rounds::Decided;
 use super::visible_emission::VisibleEmission;
 use crate::balance::method::MAX_PASS_PATHS;
 use crate::color::luminance;
@@ -54,20 +53,8 @@ pub struct Allocation {
     /// Doublings of the mean, row by row.
     doublings: Vec<i32>,
     columns: u32,
-    /// Camera rays for emission; `None` if no pixel has more than its paths'.
     emission_rays: Option<EmissionRayCounts>,
     stats: TechniqueStats,
-}
-
-impl Decided for Allocation {
-    fn stats(&self) -> (Technique, TechniqueStats) {
-        (Technique::Adaptive, self.stats)
-    }
-
-    /// Only camera rays for emission are a matter of the proposal.
-    fn apply<'a>(&'a self, proposal: Proposal<'a>) -> Proposal<'a> {
-        Proposal { emission_rays: self.emission_rays.as_ref(), ..proposal }
-    }
 }
 
 /// What the pre-pass measures in a tile.
@@ -146,10 +133,20 @@ impl Allocation {
         let [few, more] = PATHS_PER_SCRAMBLE;
         let (found, by_counts) = of(step(FIRST_ALLOCATION_PIXELS_PER_TILE, few)?);
         debug!("the first step of the allocation leaves {by_counts:.3}");
-        if settings.techniques[Technique::Adaptive] == Choice::Auto && by_counts > MAX_REMAINING_ALLOCATED_BY_FEW {
+        if settings.techniques[Technique::Adaptive] == Choice::Auto && by_counts > 1.0 {
             return Some(found);
         }
         Some(of(step(pixels_per_tile(settings), more)?).0)
+    }
+
+    /// What was found.
+    pub fn stats(&self) -> &TechniqueStats {
+        &self.stats
+    }
+
+    /// Camera rays for emission; `None` if no pixel has more than its paths'.
+    pub fn emission_rays(&self) -> Option<&EmissionRayCounts> {
+        self.emission_rays.as_ref()
     }
 
     /// Paths per pixel of a tile, where the mean over all tiles is at most `mean`.
@@ -214,9 +211,9 @@ fn survey(
     wave.counts = WaveCounts::default();
     let [a, b] = [0, 1].map(|scramble| {
         let transport = Transport { seed: hash(transport.seed ^ hash(0x616c_6c6f + scramble)), ..transport.clone() };
-        let mut sums = vec![Vec3::ZERO; tasks.len()];
-        wave.run(&transport, &tasks, &mut ScatteredSums(&mut sums));
-        sums.into_iter().map(|sum| sum / paths as f32).collect::<Vec<_>>()
+        let [mut scattered, mut emitted] = [(); 2].map(|_| vec![Vec3::ZERO; tasks.len()]);
+        wave.run(&transport, &tasks, &mut ScatteredSums { scattered: &mut scattered, emitted: &mut emitted });
+        scattered.into_iter().map(|sum| sum / paths as f32).collect::<Vec<_>>()
     });
     let n = tasks.len();
     let mean = a.iter().chain(&b).filter(|color| color.is_finite()).sum::<Vec3>() / (2 * n) as f32;
@@ -235,7 +232,7 @@ fn survey(
         variance,
         sampled: std::array::from_fn(|fold| (n + FOLDS - 1 - fold) / FOLDS),
         paths,
-        cost: effort::cost(&wave.counts) / (f64::from(2 * paths) * n as f64),
+        cost: effort::cost(&wave.counts, &transport.proposal) / (f64::from(2 * paths) * n as f64),
         scattered: f64::from(luminance(mean).max(0.0)),
         ..Default::default()
     }
@@ -260,7 +257,7 @@ impl Visible<'_> {
             price = CAMERA_RAY_COST * variance / sum(surveys, Survey::cost_with_emission_rays);
             self.complete(surveys, price);
         }
-        if remaining_by_emission_rays(surveys) > MAX_REMAINING_BY_EMISSION_RAYS {
+        if remaining_by_emission_rays(surveys) > MAX_REMAINING_ALLOCATED {
             self.complete(surveys, f64::INFINITY);
             return None;
         }

@@ -4,11 +4,12 @@
 use tracing::debug;
 
 use super::effort;
-use super::rounds::{Decided, Learner, Round, Wanted};
+use super::rounds::{Learner, Round, Wanted};
+use super::trial::{Candidate, GAIN};
 use crate::film::compare::sums_without_outliers;
 use crate::integrator::{PreparedScene, Proposal};
 use crate::light::{AreaLights, LearnedLights, LightProposal, LightSampleRecord};
-use crate::render::pass::decisions::TechniqueStats;
+use crate::render::pass::decisions::{RuledOut, TechniqueStats};
 use crate::render::settings::RenderSettings;
 use crate::render::settings::techniques::{Choice, Technique};
 
@@ -36,10 +37,14 @@ pub struct LightsLearner<'a> {
 }
 
 impl<'a> LightsLearner<'a> {
-    /// Begins to learn; `None` where the settings do not ask for it or there is nothing to choose.
-    pub fn new(scene: &'a PreparedScene, settings: &RenderSettings) -> Option<Self> {
-        let area = scene.lights.area.as_ref().filter(|area| area.tree().top(3) > 1)?;
-        settings.asks_for(Technique::LearnedLights).then(|| Self {
+    /// Begins to learn.
+    ///
+    /// # Errors
+    /// Why there is nothing to choose.
+    pub fn new(scene: &'a PreparedScene, settings: &RenderSettings) -> Result<Self, RuledOut> {
+        let area = scene.lights.area.as_ref().filter(|area| area.tree().top(3) > 1);
+        let area = area.ok_or(RuledOut::FewLights)?;
+        Ok(Self {
             area,
             always: settings.techniques[Technique::LearnedLights] == Choice::On,
             scale: 0.25 * scene.scene.radius(),
@@ -48,7 +53,7 @@ impl<'a> LightsLearner<'a> {
             paths: 0.0,
             finished: false,
             lights: None,
-            stats: TechniqueStats { remaining: Some(1.0), ..Default::default() },
+            stats: TechniqueStats::default(),
         })
     }
 
@@ -61,7 +66,7 @@ impl<'a> LightsLearner<'a> {
         self.lights = lights;
         self.finished = true;
         self.records = Vec::new();
-        debug!("learned lights: {:?}", self.stats().1);
+        debug!("learned lights: {:?}", self.stats());
     }
 
     /// Variance with `lights` over that of paths without them: the second moments of light samples are reweighted to the
@@ -78,17 +83,20 @@ impl<'a> LightsLearner<'a> {
     }
 }
 
-impl Decided for LightsLearner<'_> {
-    fn stats(&self) -> (Technique, TechniqueStats) {
-        let lights = self.lights.as_ref();
-        let (cells, bytes) = lights.map_or((0, 0), |lights| (lights.cells(), lights.bytes()));
-        let found = TechniqueStats { on: lights.is_some(), cells: Some(cells), bytes: Some(bytes), ..self.stats };
-        (Technique::LearnedLights, found)
+impl Candidate for LightsLearner<'_> {
+    fn technique(&self) -> Technique {
+        Technique::LearnedLights
     }
 
-    fn apply<'a>(&'a self, proposal: Proposal<'a>) -> Proposal<'a> {
-        let lights = LightProposal { learned: self.lights.as_ref(), ..proposal.lights };
-        Proposal { lights, ..proposal }
+    fn ways<'a>(&'a self, of: Proposal<'a>) -> Vec<Proposal<'a>> {
+        let way = |learned| Proposal { lights: LightProposal { learned: Some(learned), ..of.lights }, ..of };
+        self.lights.as_ref().map(way).into_iter().collect()
+    }
+
+    fn stats(&self) -> TechniqueStats {
+        let lights = self.lights.as_ref();
+        let (cells, bytes) = lights.map_or((0, 0), |lights| (lights.cells(), lights.bytes()));
+        TechniqueStats { cells: Some(cells), bytes: Some(bytes), ..self.stats }
     }
 }
 
@@ -109,8 +117,7 @@ impl Learner for LightsLearner<'_> {
             let lights = self.learned();
             let remaining = lights.map_or(1.0, |lights| self.relative_variance_with(&lights, round));
             self.stats.remaining = Some(remaining);
-            let most = if is_last { effort::MAX_REMAINING_LEARNED_LIGHTS } else { effort::MAX_REMAINING_PROMISING };
-            if remaining >= most && !self.always {
+            if remaining > 1.0 - GAIN && !self.always {
                 return self.finish_with(None);
             }
         }

@@ -1,25 +1,29 @@
-//! The pre-pass: a short render of the same view at low resolution before the first pass. It decides how the environment is
-//! sampled ([`compensation`]), how emissive triangles are ([`learned_lights`]) and whether paths are guided ([`guiding`]): the
-//! last two learn from the same paths ([`rounds`]). Then it decides whether paths are re-used ([`path_reuse`]). Results
-//! depend only on the scene, the view and settings but the seed, so that every part, crop, session and seed decides alike.
+//! The pre-passes: short renders of the same view before the first pass, which decide what paths are sampled by. Learners learn
+//! from the same paths ([`rounds`]) which emissive triangles matter where ([`learned_lights`]) and where light comes from
+//! ([`guiding`]). A [`trial`] then decides about them, about the density of the environment ([`compensation`]) and about
+//! [`path_reuse`]. At last paths are allocated to tiles ([`allocation`]). Results depend only on the scene, the view and settings
+//! but the seed, so that every part, crop, session and seed decides alike.
 
 pub mod allocation;
-mod comparison;
-pub mod compensation;
+mod compensation;
 pub mod default_light;
 mod effort;
 pub mod guiding;
 pub mod learned_lights;
-pub(super) mod low_resolution;
-pub mod path_reuse;
+mod low_resolution;
+mod path_reuse;
 pub mod rounds;
+pub mod trial;
 mod visible_emission;
 
 use std::sync::atomic::AtomicBool;
 
+use tracing::warn;
+
 use crate::integrator::{PreparedScene, Transport};
-use crate::render::pass::decisions::Found;
+use crate::render::pass::decisions::{Found, RuledOut, TechniqueStats};
 use crate::render::settings::RenderSettings;
+use crate::render::settings::techniques::{Choice, Technique};
 use crate::render::settings::transport::transport;
 use crate::scene::Scene;
 use allocation::Allocation;
@@ -27,7 +31,8 @@ use compensation::Compensation;
 use guiding::GuidingLearner;
 use learned_lights::LightsLearner;
 use path_reuse::PathReuse;
-use rounds::{Decided, Learner};
+use rounds::Learner;
+use trial::{Candidate, Decided};
 
 /// The seed of all pre-passes, whose decisions are then those of all seeds. A picture with this one has other scrambles.
 pub const SEED: u32 = 4;
@@ -35,67 +40,94 @@ pub const SEED: u32 = 4;
 /// The results of a render's pre-passes.
 #[derive(Default)]
 pub struct Prepasses<'s> {
-    decided: Vec<Box<dyn Decided + 's>>,
+    learners: Vec<Box<dyn Learner + 's>>,
+    others: Vec<Box<dyn Candidate + 's>>,
+    /// In the order of [`Prepasses::candidates`].
+    decided: Vec<Decided>,
+    /// Why techniques are none of these.
+    ruled_out: Vec<(Technique, RuledOut)>,
     /// Paths of each tile, if they have their own numbers.
     pub allocation: Option<Allocation>,
 }
 
 impl<'s> Prepasses<'s> {
-    /// Runs the pre-passes that `settings` ask for. First the density of the environment is chosen, then the paths of the same
-    /// rounds teach all learners, then it is decided whether paths are re-used, then paths are allocated.
-    /// The results mean nothing if `stop` is raised: the rest then ends within a tile's time.
-    pub fn run(scene: &'s PreparedScene, settings: &RenderSettings, stop: &AtomicBool) -> Self {
+    /// Runs the pre-passes that `settings` ask for. The results mean nothing if `stop` is raised: the rest then ends within a
+    /// tile's time.
+    pub fn run(scene: &'s PreparedScene, settings: &'s RenderSettings, stop: &AtomicBool) -> Self {
         let mut found = Self::default();
         let plain = Transport { seed: SEED, ..transport(scene, settings) };
         // Paths end at unlit surfaces, and in a scene without light they find nothing: there is nothing to sample better.
         let Scene { instances, materials, .. } = &*scene.scene;
         if !instances.is_empty() && materials.iter().any(|material| !material.unlit) && scene.scene.is_lit() {
-            found.learn(scene, settings, &plain, stop);
-            let path_reuse = PathReuse::decide(&found.apply(plain.clone()), settings, stop);
-            found.decided.extend(path_reuse.map(|decided| Box::new(decided) as Box<dyn Decided>));
+            found.gather(scene, settings, &plain);
+            let mut learners: Vec<_> =
+                found.learners.iter_mut().map(|learner| &mut **learner as &mut dyn Learner).collect();
+            if rounds::run(scene, settings, &plain, &mut learners, stop).is_some() {
+                let candidates: Vec<_> = found.candidates().collect();
+                found.decided = trial::decide(&candidates, &plain, settings, stop);
+            }
         }
-        let allocation = Allocation::new(&found.apply(plain), settings, stop);
-        Self { allocation, ..found }
+        found.allocation = Allocation::new(&found.apply(plain), settings, stop);
+        found
     }
 
-    /// Decides how lights and directions are sampled.
-    fn learn(&mut self, scene: &'s PreparedScene, settings: &RenderSettings, plain: &Transport, stop: &AtomicBool) {
-        if let Some(decided) = Compensation::decide(scene, settings, plain, stop) {
-            self.decided.push(Box::new(decided));
+    /// Finds the techniques that there is something to decide about.
+    fn gather(&mut self, scene: &'s PreparedScene, settings: &'s RenderSettings, plain: &Transport) {
+        let mut add = |technique, found: Result<(), RuledOut>| {
+            let Err(why) = found else { return };
+            if settings.techniques[technique] == Choice::On {
+                warn!("{}: {}", technique.title(), why.name());
+            }
+            self.ruled_out.push((technique, why));
+        };
+        let asks_for = |technique| settings.asks_for(technique);
+        if asks_for(Technique::LearnedLights) {
+            add(
+                Technique::LearnedLights,
+                LightsLearner::new(scene, settings).map(|new| self.learners.push(Box::new(new))),
+            );
         }
-        let untaught = self.apply(plain.clone());
-        let mut learners: Vec<Box<dyn Learner + 's>> = Vec::new();
-        LightsLearner::new(scene, settings).into_iter().for_each(|learner| learners.push(Box::new(learner)));
-        GuidingLearner::new(scene, settings, plain).into_iter().for_each(|learner| learners.push(Box::new(learner)));
-        let mut all: Vec<_> = learners.iter_mut().map(|learner| &mut **learner as &mut dyn Learner).collect();
-        if rounds::run(scene, settings, &untaught, &mut all, stop).is_none() {
-            return;
+        if asks_for(Technique::Guiding) {
+            add(
+                Technique::Guiding,
+                GuidingLearner::new(scene, settings, plain).map(|new| self.learners.push(Box::new(new))),
+            );
         }
-        for i in 0..learners.len() {
-            let (before, rest) = learners.split_at_mut(i);
-            let Some((own, after)) = rest.split_first_mut() else { break };
-            let others = before.iter().chain(after.iter());
-            let proposal = others.fold(untaught.proposal, |proposal, other| other.apply(proposal));
-            own.compare(settings, &Transport { proposal, ..untaught.clone() }, stop);
+        if asks_for(Technique::Compensation) {
+            add(Technique::Compensation, Compensation::new(scene).map(|new| self.others.push(Box::new(new))));
         }
-        self.decided.extend(learners.into_iter().map(|learner| learner as Box<dyn Decided>));
+        if asks_for(Technique::PathReuse) {
+            add(Technique::PathReuse, PathReuse::new(plain, settings).map(|new| self.others.push(Box::new(new))));
+        }
     }
 
-    fn all(&self) -> impl Iterator<Item = &dyn Decided> {
-        let allocation = self.allocation.iter().map(|allocation| allocation as &dyn Decided);
-        self.decided.iter().map(|decided| &**decided as &dyn Decided).chain(allocation)
+    fn candidates(&self) -> impl Iterator<Item = &dyn Candidate> {
+        let learners = self.learners.iter().map(|learner| &**learner as &dyn Candidate);
+        learners.chain(self.others.iter().map(|other| &**other))
     }
 
     /// What they found, for reports.
     pub fn stats(&self) -> Found {
         let mut found = Found::default();
-        self.all().map(Decided::stats).for_each(|(technique, stats)| found[technique] = Some(stats));
+        for (technique, why) in &self.ruled_out {
+            found[*technique] = Some(TechniqueStats { why: Some(*why), ..Default::default() });
+        }
+        for (candidate, decided) in self.candidates().zip(&self.decided) {
+            found[candidate.technique()] = Some(decided.stats);
+        }
+        found[Technique::Adaptive] = self.allocation.as_ref().map(|allocation| *allocation.stats());
         found
     }
 
     /// The transport with these results.
     pub fn apply<'a>(&'a self, transport: Transport<'a>) -> Transport<'a> {
-        let proposal = self.all().fold(transport.proposal, |proposal, decided| decided.apply(proposal));
+        let mut proposal = transport.proposal;
+        for (candidate, decided) in self.candidates().zip(&self.decided) {
+            proposal = decided.way.and_then(|way| candidate.ways(proposal).get(way).copied()).unwrap_or(proposal);
+        }
+        if let Some(allocation) = &self.allocation {
+            proposal.emission_rays = allocation.emission_rays();
+        }
         Transport { proposal, ..transport }
     }
 }

@@ -5,29 +5,18 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use super::low_resolution::{divisors, in_tiles, low_resolution, tiles};
-use crate::color::luminance;
+use super::trial::Candidate;
 use crate::film::PixelStats;
 use crate::guiding::{TrainingSample, VertexRecord};
 use crate::integrator::clients::{LightSampleRecorder, TrainingRecorder};
-use crate::integrator::{PixelSums, PixelTask, PreparedScene, Proposal, Transport, Wave, WaveCounts};
+use crate::integrator::{PixelSums, PixelTask, PreparedScene, Transport, Wave, WaveCounts};
 use crate::light::LightSampleRecord;
-use crate::render::pass::decisions::TechniqueStats;
 use crate::render::pass::sampler::PATHS_PER_WAVE;
 use crate::render::settings::RenderSettings;
-use crate::render::settings::techniques::Technique;
 use crate::sampling::hash;
 
-/// A technique that a pre-pass decides about.
-pub trait Decided {
-    /// What the pre-pass has found.
-    fn stats(&self) -> (Technique, TechniqueStats);
-
-    /// The proposal with this technique, where it is used.
-    fn apply<'a>(&'a self, proposal: Proposal<'a>) -> Proposal<'a>;
-}
-
 /// Something that learns from paths how to sample them better.
-pub trait Learner: Decided {
+pub trait Learner: Candidate {
     /// Pixels of the low-resolution picture that it needs at least.
     fn pixels(&self) -> f64;
 
@@ -37,10 +26,6 @@ pub trait Learner: Decided {
     /// Learns from the next round, and may take records that no other learner wants. `seconds` is the wall time that it took,
     /// divided by the number of learners.
     fn learn(&mut self, round: &mut Round, seconds: f64);
-
-    /// Compares, after the last round, paths with what it has learned to those of `without`, and may give it up. Ends soon after
-    /// `stop` is raised.
-    fn compare(&mut self, _settings: &RenderSettings, _without: &Transport, _stop: &AtomicBool) {}
 }
 
 /// Maximum numbers of records of a round; 0 for those that are not needed.
@@ -90,8 +75,6 @@ pub struct RoundPixel {
     pub variance: f64,
     /// Divisor of relMSE, from the mean of the pixels around.
     pub divisor: f32,
-    /// Mean luminance of its paths.
-    pub mean: f32,
 }
 
 impl RoundPixel {
@@ -176,7 +159,11 @@ pub fn run(
         let Some(wants) = wanted.iter().copied().reduce(Wanted::or) else { break };
         let began = Instant::now();
         let mut round = {
-            let proposal = learners.iter().fold(transport.proposal, |proposal, learner| learner.apply(proposal));
+            let mut proposal = transport.proposal;
+            // What a learner that has finished knows is not decided about yet.
+            for learner in learners.iter().filter(|learner| learner.wants().is_some()) {
+                proposal = learner.ways(proposal).first().copied().unwrap_or(proposal);
+            }
             let seed = hash(transport.seed ^ hash(0x6775_6964 + number));
             let transport = Transport { camera: camera.clone(), seed, proposal, ..transport.clone() };
             trace(&transport, size, (number, 1 << number), wants, stop)?
@@ -223,8 +210,7 @@ pub fn trace(
             }
             let pixel = |(stats, divisor): (&PixelStats, f32)| {
                 let variance = stats.variance_of_mean().iter().map(|v| f64::from(*v)).sum::<f64>() / 3.0;
-                let mean = luminance(stats.mean().into());
-                RoundPixel { variance: variance * f64::from(stats.samples).powi(2), divisor, mean }
+                RoundPixel { variance: variance * f64::from(stats.samples).powi(2), divisor }
             };
             found.pixels.extend(stats.iter().zip(divisors).map(pixel));
         }

@@ -41,7 +41,9 @@ impl Saved {
         let guiding = Technique::Guiding;
         let mut learned = self.stats.techniques.iter().filter(|(technique, _)| technique.row().learns);
         settings.techniques[guiding] != Choice::Off
-            && learned.any(|(technique, stats)| stats.is_some_and(|stats| stats.on || technique != guiding))
+            && learned.any(|(technique, stats)| {
+                stats.is_some_and(|stats| stats.on || (technique != guiding && stats.why.is_none()))
+            })
     }
 
     /// Are its passes those that a render of these settings begins with? Then the resumed render has the bits of an
@@ -70,7 +72,7 @@ impl Saved {
 }
 
 /// Version of the record and of the packed tiles. Files of other versions are not read.
-pub const FORMAT: u32 = 10;
+pub const FORMAT: u32 = 11;
 /// Header attribute with the seeds of a mean, in place of a record.
 const SEEDS: &str = "bismar.seeds";
 

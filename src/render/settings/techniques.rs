@@ -37,10 +37,6 @@ pub struct Row {
     pub flag: &'static str,
     /// What it does, for help texts: a sentence that ends without a full stop.
     pub about: &'static str,
-    /// Why its pre-pass does not run where nothing else rules it out.
-    pub nothing: &'static str,
-    /// What the estimate is a fraction of.
-    pub fraction_of: &'static str,
     /// The choice of renders whose paths are not shared out, guided or re-used ([`RenderSettings::even`](super::RenderSettings::even)).
     /// Off: the plain command has `auto` with balance methods that use pre-passes. Auto: `auto` itself concerns those methods alone.
     pub even: Choice,
@@ -76,8 +72,6 @@ techniques! {
         flag: "compensation",
         about: "Compensated environment density: draw light samples of the environment by its radiance above the mean \
                 (docs/balance.md)",
-        nothing: "no environment with bright and dark parts",
-        fraction_of: "variance",
         even: Choice::Auto,
         is_switch: false,
         min_paths: [0; 2],
@@ -88,8 +82,6 @@ techniques! {
     LearnedLights {
         flag: "learned-lights",
         about: "Learned light selection: choose among emissive triangles by what a pre-pass has learned (docs/balance.md)",
-        nothing: "no emissive triangles to choose among",
-        fraction_of: "variance",
         even: Choice::Auto,
         is_switch: false,
         min_paths: [0; 2],
@@ -101,8 +93,6 @@ techniques! {
         flag: "guiding",
         about: "Path guiding: sample directions from the light field that a pre-pass has learned (docs/guiding.md). It helps \
                 where light reaches the visible surfaces through few paths",
-        nothing: "no indirect light",
-        fraction_of: "variance",
         even: Choice::Off,
         is_switch: false,
         min_paths: [MIN_AUTO_PATHS, 0],
@@ -116,8 +106,6 @@ techniques! {
                 where most light arrives by other surfaces; the errors of neighbouring pixels are then related. \
                 Before a denoiser it gains little, and is off unless it is given. N: groups of N \
                 paths; N:M: M of these go on from there, for all",
-        nothing: "no indirect light, or motion, blended alpha, a clamp or groups of lights",
-        fraction_of: "error times cost",
         even: Choice::Off,
         is_switch: false,
         min_paths: [MIN_AUTO_PATHS, 0],
@@ -129,8 +117,6 @@ techniques! {
         flag: "adaptive",
         about: "Adaptive sampling: a pre-pass estimates the noise of each tile of 16 x 16 pixels, and noisy tiles get more \
                 paths; the number of paths is their mean (docs/adaptive.md). Without effect with a goal of noise",
-        nothing: "the time limit is too short for a pre-pass",
-        fraction_of: "error times cost",
         even: Choice::Off,
         is_switch: true,
         min_paths: [MIN_AUTO_PATHS; 2],
@@ -148,6 +134,11 @@ impl Technique {
     /// Its name in settings, statistics and decisions.
     pub fn name(self) -> String {
         self.row().flag.replace('-', "_")
+    }
+
+    /// Its name for people.
+    pub fn title(self) -> String {
+        self.row().flag.replace('-', " ").replace("reuse", "re-use")
     }
 
     /// What the plain command chooses, with a balance method that uses pre-passes or not.

@@ -24,15 +24,15 @@ pub struct Times {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Prepass {
     pub on: bool,
-    /// The variance that it expected to be left, over that without guiding.
-    pub variance: f32,
+    /// The error × time that it expected to be left, over that without guiding.
+    pub left: f64,
     /// Wall seconds that it took.
     pub seconds: f64,
 }
 
 impl Prepass {
     pub fn of(stats: &TechniqueStats) -> Self {
-        Self { on: stats.on, variance: stats.variance.unwrap_or(1.0), seconds: stats.seconds }
+        Self { on: stats.on, left: stats.remaining.unwrap_or(1.0), seconds: stats.seconds }
     }
 }
 
@@ -138,7 +138,7 @@ mod tests {
     fn means_are_over_replicas_and_a_cell_is_read_as_it_was_written() {
         let mut cell = Cell::new(2);
         for x in [0.0, 1.0, 2.0] {
-            let prepass = Some(Prepass { on: x == 1.0, variance: 0.5, seconds: 0.1 });
+            let prepass = Some(Prepass { on: x == 1.0, left: 0.5, seconds: 0.1 });
             let times = Times { cpu: 0.1, half_cpu: (x > 0.0).then_some(0.3), prepass, ..Times::default() };
             let values = vec![x, 1.0, 2.0, 3.0 * x, 4.0, f32::MIN_POSITIVE];
             cell.push(&Replica { times, values, shares: vec![0.25 * x, 0.5], paths: vec![64.0, x] });

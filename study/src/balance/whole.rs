@@ -35,7 +35,7 @@ pub struct Row {
     pub product_ratio: f64,
     pub product_ratio_se: f64,
     pub guided: Option<f64>,
-    pub guiding_variance: Option<f64>,
+    pub guiding_left: Option<f64>,
     pub guiding_seconds: Option<f64>,
     pub adaptive_left: Option<f64>,
 }
@@ -149,7 +149,7 @@ fn row(
         product_ratio,
         product_ratio_se: product_ratio * (rel_mse_ratio_se / rel_mse_ratio).hypot(time_ratio_se / time_ratio),
         guided: prepass(|p| f64::from(u8::from(p.on))),
-        guiding_variance: prepass(|p| f64::from(p.variance)),
+        guiding_left: prepass(|p| p.left),
         guiding_seconds: prepass(|p| p.seconds),
         adaptive_left: optional_mean(times.iter().filter_map(|t| t.allocation).collect()),
     }

@@ -5,11 +5,9 @@ use std::sync::atomic::AtomicBool;
 
 use bismar::Result;
 use bismar::balance::Balance;
-use bismar::integrator::{PreparedScene, reuse};
+use bismar::integrator::PreparedScene;
 use bismar::rays::Backend;
-use bismar::render::{
-    Choice, Choices, LightGroups, Part, RenderSettings, Rendered, Technique, render, tile_positions, transport,
-};
+use bismar::render::{Choice, Choices, LightGroups, Part, RenderSettings, Rendered, Technique, render, tile_positions};
 use bismar::sampling::random::mix;
 use bismar::scene::build::add_shape;
 use rayon::prelude::*;
@@ -63,7 +61,7 @@ impl Way {
         let plain = RenderSettings::default();
         let only = |one: Option<Technique>| Choices::new(|own| Choice::from(one == Some(own)));
         // Elsewhere it warns.
-        let shares = reuse::is_possible(&transport(scene, settings));
+        let shares = !scene.scene.moves() && settings.clamp_indirect.is_none();
         let possible = |one: Technique| one != Technique::PathReuse || shares;
         let mut ways = vec![
             of("plain", plain.balance, plain.techniques),

@@ -208,7 +208,7 @@ pub fn settings(seed: u32, guiding: Choice) -> RenderSettings {
 
 /// The field that guides a render with these settings, if any.
 pub fn field(scene: &PreparedScene, settings: &RenderSettings) -> Option<Field> {
-    learned(scene, settings, &transport(scene, settings), &AtomicBool::new(false)).and_then(|learned| learned.field)
+    learned(scene, settings, &transport(scene, settings), &AtomicBool::new(false))?.0
 }
 
 #[cfg(test)]

@@ -48,6 +48,8 @@ pub struct Find {
 pub struct Lender {
     /// Row of the second surface.
     pub y: u32,
+    /// [`RayBatch::key`](crate::rays::RayBatch::key) of the ray that has found it.
+    pub key: u32,
     /// Throughput of its path before it scatters there, linear RGB.
     pub beta: Vec3,
     /// Probability with which its path goes on from there.
@@ -68,9 +70,9 @@ pub struct Lender {
 
 impl Lender {
     /// One that has found nothing.
-    pub fn new(y: u32, beta: Vec3, goes_on: f32, sharp: bool) -> Self {
+    pub fn new((y, key): (u32, u32), beta: Vec3, goes_on: f32, sharp: bool) -> Self {
         let (directions, mixture) = ([Vec3::ZERO; DIRECTIONS], [[0.0; 2]; DIRECTIONS]);
-        Self { y, beta, goes_on, sharp, directions, mixture, found: NONE, beyond: Vec3::ZERO, own: Vec3::ZERO }
+        Self { y, key, beta, goes_on, sharp, directions, mixture, found: NONE, beyond: Vec3::ZERO, own: Vec3::ZERO }
     }
 
     /// What it has found, but for what lies beyond its next ray.

@@ -14,7 +14,8 @@
 //!
 //! L_j depends on the direction w in which its light arrives at y, which path j has drawn with a density p_j(w) toward x_j. The
 //! balance heuristic is that of y and w: in the divisor, p_k(y) stands with p_k(w), the density toward x_k, so that no x counts
-//! more of what another has found than of its own sample. Rough lobes of y are lent. What sharp lobes scatter stays with the
+//! more of what another has found than of its own sample. Which surfaces of blended alpha are there depends on a ray's key
+//! alone, so y and the key of the ray to it are drawn together: V is that of the key. Rough lobes of y are lent. What sharp lobes scatter stays with the
 //! own path: their densities differ without bound between two x.
 
 mod lenders;
@@ -30,7 +31,6 @@ use super::data::counts::WaveCounts;
 use super::data::path_states::NonFiniteSamples;
 use super::data::queues::{LightKind, PathRays, ShadowRays};
 use super::data::requests::RequestPacket;
-use super::data::transport::Transport;
 use super::data::vertices::Vertices;
 use super::events::{
     BorrowedLight, FoundEmission, LightSamplePacket, PassedWall, PathEvents, ScatteredPacket, UnoccludedLight,
@@ -74,12 +74,6 @@ pub struct Loan {
     pub from: [u32; 3],
     /// Linear RGB, as it is added to the path that borrows.
     pub radiance: Vec3,
-}
-
-/// Can the paths of a scene be lent? Not where the way to y depends on more than its ends: on time, on random numbers of blended
-/// alpha.
-pub fn is_possible(transport: &Transport) -> bool {
-    !transport.geometry.moves && !transport.materials.blends && transport.limits[1] == f32::INFINITY
 }
 
 impl Lending {
@@ -144,7 +138,7 @@ impl Lending {
                 if place.order < goes_on {
                     sample.lender = self.lenders.len() as u32;
                     let beta = vertices.beta.get(row);
-                    self.lenders.push(Lender::new(row as u32, beta, goes_on, sharp));
+                    self.lenders.push(Lender::new((row as u32, rays.rays.key[ray]), beta, goes_on, sharp));
                     vertices.beta.set(row, Vec3::ONE);
                 } else {
                     vertices.beta.set(row, Vec3::ZERO);

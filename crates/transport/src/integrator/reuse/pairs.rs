@@ -318,7 +318,7 @@ impl Pairs {
         let traced = takes_part & cast::<U, F>(!x.own.simd_eq(U::splat(y.index)));
         let survivors = Survivors::of(traced);
         let ray = (survivors.compress_v3(x.origin), survivors.compress_v3(wi));
-        self.rays.put(self.pair_of.len(), ray, survivors.compress(distance2.sqrt()), U::ZERO, F::ZERO);
+        self.rays.put(self.pair_of.len(), ray, survivors.compress(distance2.sqrt()), U::splat(y.lender.key), F::ZERO);
         let bits = traced.to_bitmask();
         self.pair_of.extend((0..LANES).filter(|lane| bits >> lane & 1 == 1).map(|lane| (row + lane) as u32));
     }

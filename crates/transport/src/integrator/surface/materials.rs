@@ -7,7 +7,7 @@ use glam::{Vec3, Vec4};
 
 use super::media::{Media, Medium};
 use crate::bsdf::{Anisotropy, Bsdf, Iridescence, LobeSet, Surface};
-use crate::scene::{AlphaMode, Material, Mesh, Scene, TextureSlot};
+use crate::scene::{Material, Mesh, Scene, TextureSlot};
 
 /// Bodies that are compared with each other at most; of more, some meet.
 const MOST_BODIES: usize = 10_000;
@@ -54,8 +54,6 @@ pub struct Materials {
     pub has_thin_walls: bool,
     /// Does any surface bound a medium, and is it smooth?
     pub has_smooth_bodies: bool,
-    /// Is any surface present with a probability ([`AlphaMode::Blend`])?
-    pub blends: bool,
     pub disperses: bool,
     /// The media of the scene.
     pub media: Media,
@@ -99,7 +97,6 @@ impl Materials {
             has_single_sided: any(|kind| kind.single_sided),
             has_thin_walls: any(|kind| kind.thin_wall),
             has_smooth_bodies: any(|kind| kind.smooth_body),
-            blends: scene.materials.iter().any(|material| material.alpha_mode == AlphaMode::Blend),
             disperses: lit().any(Material::disperses),
             tracks_media: bodies_meet || media.absorb(),
             media,
