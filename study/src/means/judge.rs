@@ -124,6 +124,10 @@ const LEAST_ERROR: f64 = 0.01;
 /// counts for at most 1 / (2 √m) standard errors of another scene.
 const MISSED: f64 = 0.25;
 
+/// Near a light without a size a path's light has no bound: n paths have a chance of about 1/k to meet k times the most that n others
+/// have met. Where one is brighter than this many times the brightest light, so many times as much is taken for the most.
+const UNBOUNDED: [f64; 2] = [2.0, 10.0];
+
 /// The pictures of the first half of the seeds, or of the second.
 fn half(pictures: &[Picture], second: bool) -> &[Picture] {
     let (a, b) = pictures.split_at(pictures.len() / 2);
@@ -133,12 +137,19 @@ fn half(pictures: &[Picture], second: bool) -> &[Picture] {
 /// Mean square error of a region's mean, of the first half of the seeds and of the second, over all ways of a scene: what some meet
 /// rarely, others show. `brightest` is the most light of a path, `pixels` the region's size.
 pub fn mean_squares(region: usize, all: &[&[Picture]], brightest: f64, pixels: f64) -> [f64; 2] {
-    let square = |sample: Sample| {
-        let path = brightest / (sample.n * sample.paths * pixels);
-        sample.variance / sample.n + MISSED * path * path
-    };
-    let of = |pictures: &[Picture]| square(Sample::new(pictures, &|picture| picture.regions[region]));
-    [false, true].map(|second| mean_of(all.iter().map(|pictures| of(half(pictures, second)))))
+    let [least, times] = UNBOUNDED;
+    [false, true].map(|second| {
+        let pictures = || all.iter().map(|pictures| half(pictures, second));
+        let peaks = pictures().flatten().flat_map(|picture| picture.peaks_of(region));
+        let peak = f64::from(peaks.copied().fold(0.0, f32::max));
+        let most = if peak > least * brightest { times * peak } else { brightest };
+        let square = |pictures| {
+            let sample = Sample::new(pictures, &|picture| picture.regions[region]);
+            let path = most / (sample.n * sample.paths * pixels);
+            sample.variance / sample.n + MISSED * path * path
+        };
+        mean_of(pictures().map(square))
+    })
 }
 
 impl Together {
