@@ -176,13 +176,14 @@ impl Learner for GuidingLearner<'_> {
 }
 
 /// The field by which paths of `transport` are guided, without other techniques, if they are, and what was found. `None` where
-/// there is nothing to learn, and soon after `stop` is raised.
+/// `settings` turn guiding off or there is nothing to learn, and soon after `stop` is raised.
 pub fn learned(
     scene: &PreparedScene,
     settings: &RenderSettings,
     transport: &Transport,
     stop: &AtomicBool,
 ) -> Option<(Option<Field>, TechniqueStats)> {
+    settings.asks_for(Technique::Guiding).then_some(())?;
     let mut learner = GuidingLearner::new(scene, settings, transport).ok()?;
     rounds::run(scene, settings, transport, &mut [&mut learner], stop)?;
     let stats = decide(&[&learner], transport, settings, stop)[0].stats;

@@ -75,7 +75,8 @@ impl<'s> Prepasses<'s> {
     fn gather(&mut self, scene: &'s PreparedScene, settings: &'s RenderSettings, plain: &Transport) {
         let mut add = |technique, found: Result<(), RuledOut>| {
             let Err(why) = found else { return };
-            if settings.techniques[technique] == Choice::On {
+            let nothing = [RuledOut::EvenEnvironment, RuledOut::FewLights, RuledOut::Direct].contains(&why);
+            if settings.techniques[technique] == Choice::On && !nothing {
                 warn!("{}: {}", technique.title(), why.name());
             }
             self.ruled_out.push((technique, why));
