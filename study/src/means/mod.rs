@@ -10,7 +10,6 @@ pub mod materials;
 pub mod page;
 pub mod ways;
 
-use std::array;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -22,7 +21,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::balance::scene::Files;
 use features::{Canvas, Feature, joined};
-use judge::{AGAIN, FIRST, Test, Together, mean_squares};
+use judge::{AGAIN, FIRST, Test, Together};
 use ways::{LOST_OF, Picture, REGIONS, SIZE, Stage, Way};
 
 /// Light that the first control takes from all pixels, as a fraction.
@@ -150,15 +149,11 @@ impl Subject {
     }
 }
 
-/// Number of a region's pixels.
-fn pixels(region: usize) -> f64 {
-    f64::from(SIZE[0] * SIZE[1]) / if region == 0 { 1.0 } else { (REGIONS - 1) as f64 }
-}
-
 /// The test of a region.
 fn test(stage: &Stage, own: &[Picture], reference: &[Picture], region: usize, level: f64) -> Test {
+    let pixels = f64::from(SIZE[0] * SIZE[1]) / if region == 0 { 1.0 } else { (REGIONS - 1) as f64 };
     let of = |picture: &Picture| picture.regions[region];
-    Test::new(region, (own, &of), reference, (stage.brightest(), pixels(region), level))
+    Test::new(region, (own, &of), reference, (stage.brightest(), pixels, level))
 }
 
 /// The test of the region that differs most.
@@ -186,9 +181,6 @@ pub fn measure(design: &Design, stop: &AtomicBool, done: &mut dyn FnMut(&[Row]) 
         stopped(stop)?;
         let differing: Vec<_> = (0..ways.len()).filter(|i| tested[*i].0.chance() <= level).collect();
         let again = again(subject, &stage, design, &ways, &tested, &differing, stop)?;
-        let all: Vec<_> = tested.iter().map(|(.., own)| &own[..]).chain([&reference[..]]).collect();
-        let squares: [_; REGIONS] =
-            array::from_fn(|region| mean_squares(region, &all, stage.brightest(), pixels(region)));
         let mut own_rows = Vec::new();
         for (i, (way, (worst, whole, own))) in ways.iter().zip(&tested).enumerate() {
             let again = differing.iter().position(|own| *own == i).map(|at| again[at]);
@@ -198,7 +190,7 @@ pub fn measure(design: &Design, stop: &AtomicBool, done: &mut dyn FnMut(&[Row]) 
                 let together = together.entry(way.name.clone()).or_default();
                 for (together, of) in together.iter_mut().zip(TESTED) {
                     for (region, together) in together.iter_mut().enumerate() {
-                        together.add(region, (own, &|picture| of(picture, region)), &reference, squares[region]);
+                        together.add(region, (own, &|picture| of(picture, region)), &reference);
                     }
                 }
             }
