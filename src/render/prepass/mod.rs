@@ -1,7 +1,7 @@
 //! The pre-passes: short renders of the same view before the first pass, which decide what paths are sampled by. Learners learn
 //! from the same paths ([`rounds`]) which emissive triangles matter where ([`learned_lights`]) and where light comes from
-//! ([`guiding`]). A [`trial`] then decides about them, about the density of the environment ([`compensation`]) and about
-//! [`path_reuse`]. At last paths are allocated to tiles ([`allocation`]). Results depend only on the scene, the view and settings
+//! ([`guiding`]). A [`trial`] then decides about them, about the density of the environment (`compensation`) and about
+//! path re-use. At last paths are allocated to tiles ([`allocation`]). Results depend only on the scene, the view and settings
 //! but the seed, so that every part, crop, session and seed decides alike.
 
 pub mod allocation;
