@@ -14,7 +14,7 @@ use tracing::debug;
 use super::effort;
 use crate::film::compare::relative_to;
 use crate::integrator::clients::ScatteredSums;
-use crate::integrator::{PixelTask, Proposal, Transport, WaveCounts};
+use crate::integrator::{PixelTask, Proposal, Reuse, Transport, WaveCounts};
 use crate::render::pass::decisions::TechniqueStats;
 use crate::render::pass::sampler::with_buffers;
 use crate::render::settings::RenderSettings;
@@ -100,7 +100,7 @@ pub fn decide(
     let mut trial = Trial::new(plain.clone(), settings);
     for i in asked {
         let Some(way) = candidates[i].ways(trial.base.proposal).first().copied() else { continue };
-        decided[i].stats.sizes = way.reuse.filter(|_| trial.base.proposal.reuse.is_none());
+        decided[i].stats.sizes = trial.new_sizes(&way);
         (decided[i].way, decided[i].stats.on) = (Some(0), true);
         trial.base.proposal = way;
     }
@@ -134,7 +134,7 @@ pub fn decide(
             stats.seconds += began.elapsed().as_secs_f64();
             stats.remaining = Some(tried.ratio.remaining);
             stats.standard_error = Some(tried.ratio.remaining * tried.ratio.log_error);
-            stats.sizes = ways[way].reuse.filter(|_| trial.base.proposal.reuse.is_none());
+            stats.sizes = trial.new_sizes(&ways[way]);
             if tried.ratio.pays() {
                 open.push(i);
                 if best.as_ref().is_none_or(|(.., best)| tried.ratio.remaining < best.ratio.remaining) {
@@ -211,6 +211,12 @@ enum Kind {
     Many,
 }
 
+impl Kind {
+    fn is_of_tiles(self) -> bool {
+        matches!(self, Self::Few | Self::Many)
+    }
+}
+
 /// A group of pixels, rendered in some way.
 struct Group {
     /// Block by block.
@@ -243,6 +249,11 @@ impl<'a> Trial<'a> {
         let [usual, long] = PIXEL_PATHS.map(of_pixel);
         let paths = [usual, long, few, (spp / 8).clamp(few, most)];
         Self { base, settings, tiles, paths, rendered: Default::default() }
+    }
+
+    /// Sizes of groups of path re-use that a way brings.
+    fn new_sizes(&self, way: &Proposal) -> Option<Reuse> {
+        way.reuse.filter(|_| self.base.proposal.reuse.is_none())
     }
 
     /// By which groups a way is compared with the base, one after the other while it pays.
@@ -284,7 +295,7 @@ impl<'a> Trial<'a> {
         };
         let least = expected.unwrap_or(1.0);
         let mut groups = ((self.tiles.len() as f64 / share).clamp(min, max) as usize).min(self.tiles.len());
-        while groups > 2 && matches!(kind, Kind::Few | Kind::Many) && !affords(groups, least.min(0.5)) {
+        while groups > 2 && kind.is_of_tiles() && !affords(groups, least.min(0.5)) {
             groups /= 2;
         }
         let mut tried = Vec::new();
@@ -313,7 +324,7 @@ impl<'a> Trial<'a> {
 
     /// Pixels of a whole group. In small pictures those all over it have few.
     fn size(&self, kind: Kind) -> u32 {
-        if matches!(kind, Kind::Few | Kind::Many) {
+        if kind.is_of_tiles() {
             return TILE * TILE;
         }
         let most = PATHS / self.paths[kind as usize];
@@ -323,7 +334,7 @@ impl<'a> Trial<'a> {
     /// The pixels of a group, block by block.
     fn pixels(&self, kind: Kind, number: usize) -> Vec<[u32; 2]> {
         let RenderSettings { width, height, .. } = *self.settings;
-        if matches!(kind, Kind::Pixels | Kind::Long) {
+        if !kind.is_of_tiles() {
             let n = self.size(kind);
             let at = |i: u32| spread_point(number as f64 * f64::from(n) + f64::from(i), [width, height]);
             return (0..n).map(at).collect();
